@@ -1,0 +1,49 @@
+"""Active-set rules: which constraints enter the subproblem.
+
+A rule maps the slack ρ − G and the previous active set to the new one. State is explicit: whoever steps keeps the
+set that a step returns. Settings are fixed by `functools.partial(violated, margin=0.1)`.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .validation import require_nonnegative
+
+
+class ActiveSetRule(Protocol):
+    """(slack, previous active set) → active set; arrays may carry leading axes, one row for each run."""
+
+    def __call__(
+        self, slack: Float[np.ndarray, "*runs m"], previous: Bool[np.ndarray, "*runs m"] | None = None
+    ) -> Bool[np.ndarray, "*runs m"]:
+        """True where the constraint enters the subproblem."""
+
+
+def violated(
+    slack: Float[np.ndarray, "*runs m"],
+    previous: Bool[np.ndarray, "*runs m"] | None = None,  # noqa: ARG001 - a rule without memory
+    *,
+    margin: float = 0.0,
+) -> Bool[np.ndarray, "*runs m"]:
+    """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3)."""
+    require_nonnegative("margin", margin)
+    return np.asarray(slack) <= margin
+
+
+def hysteresis(
+    slack: Float[np.ndarray, "*runs m"],
+    previous: Bool[np.ndarray, "*runs m"] | None = None,
+    *,
+    enter: float = 0.0,
+    leave: float = 0.01,
+) -> Bool[np.ndarray, "*runs m"]:
+    """𝒜 = {i : slackᵢ ≤ enter} ∪ {i ∈ 𝒜_previous : slackᵢ ≤ leave}: noise about the threshold does not toggle it."""
+    require_nonnegative("leave − enter", leave - enter)
+    slack = np.asarray(slack)
+    entered = slack <= enter
+    return entered if previous is None else entered | (previous & (slack <= leave))
+
+
+ACTIVE_SET_RULES: dict[str, ActiveSetRule] = {"violated": violated, "hysteresis": hysteresis}

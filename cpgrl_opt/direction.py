@@ -1,0 +1,116 @@
+"""The answer to a direction problem: a direction, its multipliers, and a status that is advice."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import overload
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .arrays import Multipliers, Vector
+
+
+class Status(IntEnum):
+    """What a solver claims of its answer; `advice` says what to do about it. Only OPTIMAL is certified optimal."""
+
+    OPTIMAL = 0
+    INFEASIBLE = 1
+    UNCERTIFIED = 2
+    ITERATION_LIMIT = 3
+    NUMERICAL_ERROR = 4
+    UNSUPPORTED = 5
+
+    @property
+    def advice(self) -> str:
+        """What the status means for the user, in a sentence or two."""
+        return _ADVICE[self]
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.advice}"
+
+
+_ADVICE = {
+    Status.OPTIMAL: "the optimum; every KKT residual is within the solver's tolerance.",
+    Status.INFEASIBLE: (
+        "no direction meets all constraints; the value violates them least, and the multipliers prove it (Farkas). "
+        "Lower the thresholds or the restoration rate, or drop a constraint."
+    ),
+    Status.UNCERTIFIED: (
+        "the best direction found, but kkt_residuals rejects it at the solver's tolerance. "
+        "Look at the residuals; try active-set, or a larger tolerance."
+    ),
+    Status.ITERATION_LIMIT: (
+        "stopped at the iteration or time limit; kkt_residuals says how far off the value is. "
+        "Raise the limit, or try active-set."
+    ),
+    Status.NUMERICAL_ERROR: "the back end broke down and gave no direction. Try active-set.",
+    Status.UNSUPPORTED: (
+        "this solver does not take such problems (see its supports()). Try active-set, or another formulation."
+    ),
+}
+
+
+class DirectionError(RuntimeError):
+    """A direction was needed and the solver had no certified one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """d = g + Jᵀμ with its multipliers μ (≥ 0 on inequalities) and what is claimed of it.
+
+    value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0).
+    iterations: as the method counts them. Source: §2.3 of the paper, where λ = −μ.
+    """
+
+    value: Vector
+    multipliers: Multipliers
+    status: Status
+    iterations: int = 0
+
+    def raise_for_status(self) -> None:
+        """DirectionError with the status' advice unless the direction is OPTIMAL."""
+        if self.status != Status.OPTIMAL:
+            raise DirectionError(str(Status(self.status)))
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionBatch(Sequence[Direction]):
+    """B directions as stacked arrays; reads as a sequence of `Direction`.
+
+    value: (B, n); multipliers: (B, m); status, iterations: (B,), statuses as their integers.
+    """
+
+    value: Float[np.ndarray, "B n"]
+    multipliers: Float[np.ndarray, "B m"]
+    status: Int[np.ndarray, "B"]
+    iterations: Int[np.ndarray, "B"]
+
+    @classmethod
+    def stack(cls, directions: Sequence[Direction]) -> "DirectionBatch":
+        """The same directions in stacked arrays; at least one."""
+        return cls(
+            np.stack([direction.value for direction in directions]),
+            np.stack([direction.multipliers for direction in directions]),
+            np.array([direction.status for direction in directions], dtype=np.int64),
+            np.array([getattr(direction, "iterations", 0) for direction in directions], dtype=np.int64),
+        )
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    @overload
+    def __getitem__(self, index: int) -> Direction: ...
+    @overload
+    def __getitem__(self, index: slice) -> "DirectionBatch": ...
+    def __getitem__(self, index: int | slice) -> "Direction | DirectionBatch":
+        if isinstance(index, slice):
+            return DirectionBatch(
+                self.value[index], self.multipliers[index], self.status[index], self.iterations[index]
+            )
+        return Direction(
+            self.value[index],
+            self.multipliers[index],
+            Status(int(self.status[index])),
+            int(self.iterations[index]),
+        )

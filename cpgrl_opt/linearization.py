@@ -1,0 +1,61 @@
+"""Values and gradients of all reward channels at θ: what a gradient estimator hands to a step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from .validation import require_shape
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Linearization:
+    """gⁱ(θ + d) ≈ ρⁱ + (Δⁱ)ᵀd for every reward channel i = 1 … 1 + m.
+
+    Channel 0 of the arrays is the objective r¹; channels 1 … m are the constraints r², r³, …. The arrays
+    may carry leading axes, one linearization for each of many independent runs. Gradients are ascent gradients.
+
+    values: (…, 1 + m), average rewards per step; gradients: (…, 1 + m, n), policy gradients of the same.
+    Raises ValueError for NaN, infinities, shapes that do not belong together.
+    Source: §2.1–2.2 of the paper (ρⁱ and Δⁱ).
+    """
+
+    values: Float[np.ndarray, "*runs channels"]
+    gradients: Float[np.ndarray, "*runs channels n"]
+
+    def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
+        # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
+        values = _finite("values", values)
+        gradients = _finite("gradients", gradients)
+        if gradients.ndim < 2:
+            raise ValueError(f"gradients should have shape (…, 1 + m, n); found {gradients.shape}")
+        require_shape("values", values, gradients.shape[:-1])
+        if values.shape[-1] == 0:
+            raise ValueError("values should have at least the objective's channel; found none")
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "gradients", gradients)
+
+    @property
+    def objective_gradient(self) -> Float[np.ndarray, "*runs n"]:
+        """Δ¹."""
+        return self.gradients[..., 0, :]
+
+    @property
+    def jacobian(self) -> Float[np.ndarray, "*runs m n"]:
+        """Constraint gradients Δ², Δ³, … as rows: Nᵀ of the paper."""
+        return self.gradients[..., 1:, :]
+
+    def slack(self, thresholds: Float[np.ndarray, "m"]) -> Float[np.ndarray, "*runs m"]:
+        """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""
+        return self.values[..., 1:] - thresholds
+
+
+def _finite(name: str, values: ArrayLike) -> Float[np.ndarray, "..."]:
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} should be an array of real numbers; found dtype {array.dtype}")
+    array = np.asarray(array, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
+    return array

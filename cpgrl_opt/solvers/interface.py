@@ -1,0 +1,53 @@
+"""What a direction solver is, and how to ask one that declares little."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+from ..direction import Direction, DirectionBatch
+from ..problem import DirectionProblem, ProblemBatch
+
+DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
+
+
+@runtime_checkable
+class DirectionSolver(Protocol):
+    """A frozen dataclass of settings with one method. Third parties need not import this.
+
+    Optional attributes: `tolerance` (the worst KKT residual of an OPTIMAL answer; 1e-6 is assumed),
+    `supports(problem) -> bool` (undeclared: equalities, cone and bounds), `solve_batch(problems)`,
+    `guarantee` and `source` (one line each, for the table of solvers).
+    """
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The projection of g onto {d : Jᵢd ≥ bᵢ, Jᵢd = bᵢ on E}, with multipliers and a status; see `Status`."""
+        ...
+
+
+class MissingPackageError(ImportError):
+    """A solver's package is not installed; the message is the command that installs it."""
+
+    def __init__(self, solver: str, package: str, extra: str) -> None:
+        super().__init__(
+            f"solver {solver!r} needs the package {package}, which is not installed; "
+            f"type: pip install 'cpgrl-opt[{extra}]'"
+        )
+
+
+def tolerance_of(solver: DirectionSolver) -> float:
+    """The worst KKT residual that the solver allows an OPTIMAL answer."""
+    return float(getattr(solver, "tolerance", DEFAULT_TOLERANCE))
+
+
+def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
+    """Whether the solver takes this problem; one that declares nothing takes equalities, the cone and bounds."""
+    declared: Any = getattr(solver, "supports", None)
+    return True if declared is None else bool(declared(problem))
+
+
+def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+    """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop."""
+    compiled: Any = getattr(solver, "solve_batch", None)
+    if compiled is not None:
+        answer: DirectionBatch = compiled(problems)
+        return answer
+    return DirectionBatch.stack([solver.solve(problem) for problem in problems])
