@@ -6,7 +6,7 @@ from enum import IntEnum
 from typing import overload
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .arrays import Multipliers, Vector
 
@@ -95,6 +95,14 @@ class DirectionBatch(Sequence[Direction]):
             np.array([direction.status for direction in directions], dtype=np.int64),
             np.array([getattr(direction, "iterations", 0) for direction in directions], dtype=np.int64),
         )
+
+    def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
+        """A batch with `others`, in order, where the mask is True."""
+        parts = [array.copy() for array in (self.value, self.multipliers, self.status, self.iterations)]
+        fresh = (others.value, others.multipliers, others.status, others.iterations)
+        for part, replacement in zip(parts, fresh, strict=True):
+            part[mask] = replacement
+        return DirectionBatch(*parts)
 
     def __len__(self) -> int:
         return len(self.value)

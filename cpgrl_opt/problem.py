@@ -109,6 +109,10 @@ class ProblemBatch(Sequence[DirectionProblem]):
             np.stack([problem.equality for problem in problems]),
         )
 
+    def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
+        """The problems where the mask is True."""
+        return ProblemBatch(self.gradient[mask], self.jacobian[mask], self.bound[mask], self.equality[mask])
+
     def __len__(self) -> int:
         return len(self.gradient)
 

@@ -1,0 +1,231 @@
+"""One step of a constrained learner: rule → formulation → solver → safeguards → parameter change.
+
+    θ ← θ + α₁ s + αₑ v        (eq. 8 of the paper, v = −d)
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
+from .direction import DirectionBatch, DirectionError, Status
+from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
+from .linearization import Linearization
+from .problem import ProblemBatch
+from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, solve_batch, solver_named
+from .validation import finite_array, require_member, require_nonnegative, require_shape
+
+Observer = Callable[[ProblemBatch, DirectionBatch], None]
+
+DROP_RULES = ("never", "stationary", "always")
+ON_FAILURE = ("fallback", "skip", "raise")
+# PΔ¹ counts as 0 below this part of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
+_STATIONARY = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """The parameter change and what happened on the way; leading axes as in the linearization.
+
+    change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ.
+    Counts (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
+    skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened).
+    """
+
+    change: Float[np.ndarray, "*runs n"]
+    active: Bool[np.ndarray, "*runs m"]
+    stationary: Bool[np.ndarray, "*runs"]
+    infeasible: Int[np.ndarray, "*runs"]
+    fallback: Int[np.ndarray, "*runs"]
+    skipped: Int[np.ndarray, "*runs"]
+    dropped: Int[np.ndarray, "*runs"]
+    capped: Int[np.ndarray, "*runs"]
+
+    COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstrainedStep:
+    """Settings of a step; calling it maps a linearization to a `StepResult`.
+
+    solver, formulation, rule: objects or the names of SOLVERS, FORMULATIONS, ACTIVE_SET_RULES.
+    step_size α₁ and restoration_rate αₑ: ≥ 0 (the paper: both 0.02), α₁ > 0 for `restoring`.
+    drop: which constraints `equality` takes out of 𝒜 (§2.3): "stationary", argmax λᵢ‖Jᵢ‖ while PΔ¹ = 0 and it is
+        positive; "always", whether PΔ¹ = 0 or not; "never". raw_multipliers compares λᵢ instead, as printed.
+    ridge ε ≥ 0: softens the constraints, (JJᵀ + εI)⁻¹ in P and d; in the squared unit of a gradient. Ours.
+    max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ. Ours.
+    on_failure: a subproblem neither OPTIMAL nor INFEASIBLE is handed to active-set ("fallback"), leaves θ as it
+        is ("skip"), or raises DirectionError ("raise"). A fallback that fails too is skipped.
+    """
+
+    solver: DirectionSolver | str = field(default_factory=lambda: SOLVERS["active-set"])
+    formulation: str = "equality"
+    rule: ActiveSetRule | str = violated
+    step_size: float = 0.02
+    restoration_rate: float = 0.02
+    drop: str = "stationary"
+    raw_multipliers: bool = False
+    ridge: float = 0.0
+    max_restoration: float = np.inf
+    on_failure: str = "fallback"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.solver, str):
+            object.__setattr__(self, "solver", solver_named(self.solver))
+        if isinstance(self.rule, str):
+            require_member("rule", self.rule, tuple(ACTIVE_SET_RULES))
+            object.__setattr__(self, "rule", ACTIVE_SET_RULES[self.rule])
+        require_member("formulation", self.formulation, tuple(FORMULATIONS))
+        require_member("drop", self.drop, DROP_RULES)
+        require_member("on_failure", self.on_failure, ON_FAILURE)
+        for name in ("step_size", "restoration_rate", "ridge"):
+            require_nonnegative(name, getattr(self, name))
+        require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
+        if self.formulation == "restoring" and self.step_size == 0:
+            raise ValueError("step_size should be > 0 with formulation 'restoring', which divides by it; found 0")
+
+    def __call__(
+        self,
+        linearization: Linearization,
+        thresholds: ArrayLike,
+        previous: Bool[np.ndarray, "*runs m"] | None = None,
+        observe: Observer | None = None,
+    ) -> StepResult:
+        """The change of θ that climbs Δ¹ while the active constraints hold or are restored.
+
+        thresholds: (m,), Gⁱ. previous: the last result's `active`, for rules with memory. observe: sees every
+        subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set.
+        """
+        limits = finite_array("thresholds", thresholds, 1)
+        require_shape("thresholds", limits, linearization.values.shape[-1:] and (linearization.values.shape[-1] - 1,))
+        slack = linearization.slack(limits)
+        active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
+        m, n = linearization.jacobian.shape[-2:]
+        constraints = ActiveConstraints(
+            linearization.objective_gradient.reshape(-1, n),
+            linearization.jacobian.reshape(-1, m, n),
+            -np.minimum(slack, 0.0).reshape(-1, m),
+            active.reshape(-1, m),
+        )
+        return _shaped(_Run(self, observe).step(constraints), slack.shape[:-1], active)
+
+
+class _Run:
+    """One call of a step: carries the counts while the pieces below do the work."""
+
+    def __init__(self, settings: ConstrainedStep, observe: Observer | None) -> None:
+        self.settings = settings
+        self.observe = observe
+        self.counts: dict[str, Any] = {}
+
+    def step(self, constraints: ActiveConstraints) -> dict[str, np.ndarray]:
+        settings = self.settings
+        runs, n = constraints.gradient.shape
+        self.counts = {name: np.zeros(runs, dtype=np.int64) for name in StepResult.COUNTS}
+        if settings.ridge > 0:
+            constraints = constraints.softened(settings.ridge)
+        if settings.max_restoration < np.inf:
+            constraints = self.capped(constraints)
+        tangent, restoration, multipliers = self.solve(constraints, np.arange(runs))
+        if settings.formulation == "equality" and settings.drop != "never":
+            self.drop(constraints, tangent, restoration, multipliers)
+        change = settings.step_size * tangent + settings.restoration_rate * restoration
+        change[self.counts["skipped"] > 0] = 0.0
+        still = _vanishes(tangent, constraints.gradient)
+        if settings.formulation == "equality":
+            still &= (multipliers >= 0).all(axis=1)
+        return {"change": change[:, :n], "stationary": still, **self.counts}
+
+    def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
+        """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
+        move = solve_batch(Rosen(), least_norm_restoration(constraints)).value
+        length = self.settings.restoration_rate * np.sqrt((move * move).sum(axis=1))
+        too_long = length > self.settings.max_restoration
+        self.counts["capped"] += too_long
+        factor = np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
+        return ActiveConstraints(
+            constraints.gradient, constraints.jacobian, constraints.target * factor[:, None], constraints.active
+        )
+
+    def solve(
+        self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tangent s, restoration v (0 if the formulation has none) and the tangent problem's μ."""
+        settings = self.settings
+        ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
+        problems = FORMULATIONS[settings.formulation](constraints, ratio)
+        answers = self.certified(problems, runs)
+        count = len(runs)
+        tangent = answers.value[:count]
+        restoration = answers.value[count:] if len(answers) > count else np.zeros_like(tangent)
+        return tangent, restoration, answers.multipliers[:count]
+
+    def certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
+        """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
+        answers = solve_batch(self.settings.solver, problems)  # type: ignore[arg-type]
+        if self.observe is not None:
+            self.observe(problems, answers)
+        if answers.status.any():
+            answers = self.mended(problems, answers, np.resize(runs, len(answers)))
+        return answers
+
+    def mended(
+        self, problems: ProblemBatch, answers: DirectionBatch, runs: Int[np.ndarray, "problems"]
+    ) -> DirectionBatch:
+        failed = answers.status > Status.INFEASIBLE
+        if failed.any() and self.settings.on_failure == "raise":
+            raise DirectionError(str(Status(int(answers.status[failed][0]))))
+        if failed.any() and self.settings.on_failure == "fallback":
+            np.add.at(self.counts["fallback"], runs[failed], 1)
+            again = ActiveSet().solve_batch(problems.chosen(failed))
+            answers = answers.replaced(failed, again)
+            if self.observe is not None:
+                self.observe(problems.chosen(failed), again)
+        np.add.at(self.counts["infeasible"], runs[answers.status == Status.INFEASIBLE], 1)
+        np.add.at(self.counts["skipped"], runs[answers.status > Status.INFEASIBLE], 1)
+        return answers
+
+    def drop(
+        self, constraints: ActiveConstraints, tangent: np.ndarray, restoration: np.ndarray, multipliers: np.ndarray
+    ) -> None:
+        """𝒜 ← 𝒜 \\ {argmax λᵢ} until the rule is content; P and d are built anew, in place. Source: §2.3."""
+        active = constraints.active.copy()
+        for _ in range(active.shape[1]):
+            largest, positive = self.largest_multiplier(constraints.jacobian, multipliers, active)
+            if self.settings.drop == "stationary":
+                positive = positive & _vanishes(tangent, constraints.gradient)
+            chosen = np.flatnonzero(positive)
+            if not chosen.size:
+                return
+            active[chosen, largest[chosen]] = False
+            self.counts["dropped"][chosen] += 1
+            fewer = ActiveConstraints(
+                constraints.gradient, constraints.jacobian, constraints.target, active
+            ).rows(positive)
+            tangent[chosen], restoration[chosen], multipliers[chosen] = self.solve(fewer, chosen)
+
+    def largest_multiplier(
+        self, jacobian: np.ndarray, multipliers: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """argmax λᵢ‖Jᵢ‖ over 𝒜, and whether it is positive; λ = −μ."""
+        values = -multipliers
+        if not self.settings.raw_multipliers:
+            values = values * np.sqrt(np.einsum("bij,bij->bi", jacobian, jacobian))
+        values = np.where(active, values, -np.inf)
+        largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
+        return largest, values.max(axis=1, initial=-np.inf) > 0
+
+
+def _vanishes(tangent: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """‖PΔ¹‖ ≤ 1e-10 ‖Δ¹‖, in max-norms: they neither over- nor underflow."""
+    largest: np.ndarray = np.abs(tangent).max(axis=1)
+    return largest <= _STATIONARY * np.abs(gradient).max(axis=1)
+
+
+def _shaped(parts: dict[str, np.ndarray], leading: tuple[int, ...], active: np.ndarray) -> StepResult:
+    shaped = {name: part.reshape(leading + part.shape[1:]) for name, part in parts.items()}
+    return StepResult(active=active, **shaped)
