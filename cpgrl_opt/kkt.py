@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .arrays import Mask, Multipliers, Vector
-from .problem import DirectionProblem, unit_rows
+from .problem import DirectionProblem, lengths, unit_rows
 from .validation import require_shape
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -119,11 +119,7 @@ def _zero_row_impossible(problem: DirectionProblem, y: Multipliers) -> Mask:
 
 
 def _norm(vector: np.ndarray) -> float:
-    """‖v‖₂ through the largest entry, so that entries of 1e±170 neither over- nor underflow."""
-    largest = _largest(np.abs(vector))
-    if largest == 0.0 or not np.isfinite(largest):
-        return largest
-    return largest * float(np.sqrt(np.square(vector / largest).sum()))
+    return float(lengths(vector))
 
 
 def _largest(values: np.ndarray) -> float:

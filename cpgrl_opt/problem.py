@@ -157,8 +157,20 @@ class UnitRows:
 
 def unit_rows(jacobian: Jacobian) -> UnitRows:
     """Ĵ with unit rows: scaled by the largest entry first, so that rows of 1e±170 neither over- nor underflow."""
-    largest = np.abs(jacobian).max(axis=1, initial=0.0)
-    safe = np.where(largest > 0, largest, 1.0)
-    rows = jacobian / safe[:, None]
-    relative = np.where(largest > 0, np.sqrt(np.einsum("ij,ij->i", rows, rows)), 1.0)
+    rows, largest, relative = _largest_first(jacobian)
     return UnitRows(rows / relative[:, None], largest, relative)
+
+
+def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
+    """‖v‖₂ along the last axis, by the largest entry first: 1e±170 neither over- nor underflows."""
+    _, largest, relative = _largest_first(vectors)
+    product: np.ndarray = largest * relative
+    return product
+
+
+def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """v/max|v|, max|v| and ‖v/max|v|‖ along the last axis; v, 0 and 1 where v = 0."""
+    largest = np.abs(vectors).max(axis=-1, initial=0.0)
+    scaled = vectors / np.where(largest > 0, largest, 1.0)[..., None]
+    relative = np.where(largest > 0, np.sqrt(np.einsum("...i,...i->...", scaled, scaled)), 1.0)
+    return scaled, largest, relative

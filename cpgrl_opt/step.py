@@ -15,7 +15,7 @@ from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .direction import DirectionBatch, DirectionError, Status
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
 from .linearization import Linearization
-from .problem import ProblemBatch
+from .problem import ProblemBatch, lengths
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, solve_batch, solver_named
 from .validation import finite_array, require_member, require_nonnegative, require_shape
 
@@ -101,10 +101,10 @@ class ConstrainedStep:
         subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set.
         """
         limits = finite_array("thresholds", thresholds, 1)
-        require_shape("thresholds", limits, linearization.values.shape[-1:] and (linearization.values.shape[-1] - 1,))
+        m, n = linearization.jacobian.shape[-2:]
+        require_shape("thresholds", limits, (m,))
         slack = linearization.slack(limits)
         active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
-        m, n = linearization.jacobian.shape[-2:]
         constraints = ActiveConstraints(
             linearization.objective_gradient.reshape(-1, n),
             linearization.jacobian.reshape(-1, m, n),
@@ -143,7 +143,7 @@ class _Run:
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
         move = solve_batch(Rosen(), least_norm_restoration(constraints)).value
-        length = self.settings.restoration_rate * np.sqrt((move * move).sum(axis=1))
+        length = self.settings.restoration_rate * lengths(move)
         too_long = length > self.settings.max_restoration
         self.counts["capped"] += too_long
         factor = np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
@@ -214,7 +214,7 @@ class _Run:
         """argmax λᵢ‖Jᵢ‖ over 𝒜, and whether it is positive; λ = −μ."""
         values = -multipliers
         if not self.settings.raw_multipliers:
-            values = values * np.sqrt(np.einsum("bij,bij->bi", jacobian, jacobian))
+            values = values * lengths(jacobian)
         values = np.where(active, values, -np.inf)
         largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
         return largest, values.max(axis=1, initial=-np.inf) > 0

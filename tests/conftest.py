@@ -1,0 +1,39 @@
+"""Shared by all tests: the slow marker, Hypothesis profiles, and shape checks of what is annotated."""
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, settings
+from jaxtyping import install_import_hook
+
+# Shapes are checked in the tests only. Compiled kernels stay out of the hook: a decorated kernel is no kernel.
+install_import_hook(
+    [
+        "cpgrl_opt.active_set",
+        "cpgrl_opt.direction",
+        "cpgrl_opt.formulation",
+        "cpgrl_opt.kkt",
+        "cpgrl_opt.linearization",
+        "cpgrl_opt.problem",
+        "cpgrl_opt.step",
+    ],
+    "beartype.beartype",
+)
+
+_quiet = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.data_too_large]}
+settings.register_profile("default", max_examples=100, **_quiet)
+settings.register_profile("ci", max_examples=100, derandomize=True, database=None, **_quiet)
+settings.register_profile("nightly", max_examples=10_000, **_quiet)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "default"))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--run-slow", action="store_true", help="run the tests that take over ten seconds too")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--run-slow"):
+        return
+    for item in items:
+        if "slow" in item.keywords:
+            item.add_marker(pytest.mark.skip(reason="slow: run with --run-slow"))
