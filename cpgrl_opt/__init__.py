@@ -1,12 +1,12 @@
 """Direction solvers that carry proof, for constrained policy-gradient reinforcement learning.
 
-    >>> from cpgrl_opt import SOLVERS, DirectionProblem, kkt_residuals
-    >>> problem = DirectionProblem(gradient=[1.0, 1.0], jacobian=[[-1.0, 0.0]])  # climb, but not along +x
-    >>> direction = SOLVERS["active-set"].solve(problem)
-    >>> direction.value
-    array([0., 1.])
-    >>> kkt_residuals(problem, direction).worst <= 1e-12
-    True
+>>> from cpgrl_opt import SOLVERS, DirectionProblem, kkt_residuals
+>>> problem = DirectionProblem(gradient=[1.0, 1.0], jacobian=[[-1.0, 0.0]])  # climb, but not along +x
+>>> direction = SOLVERS["active-set"].solve(problem)
+>>> direction.value
+array([0., 1.])
+>>> kkt_residuals(problem, direction).worst <= 1e-12
+True
 """
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, hysteresis, violated

@@ -29,9 +29,7 @@ class ActiveConstraints:
 
     def rows(self, chosen: Bool[np.ndarray, "B"]) -> "ActiveConstraints":
         """The same for some of the runs."""
-        return ActiveConstraints(
-            self.gradient[chosen], self.jacobian[chosen], self.target[chosen], self.active[chosen]
-        )
+        return ActiveConstraints(self.gradient[chosen], self.jacobian[chosen], self.target[chosen], self.active[chosen])
 
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
@@ -70,9 +68,7 @@ FORMULATIONS: dict[str, Formulation] = {"equality": equality, "cone": cone, "res
 def least_norm_restoration(constraints: ActiveConstraints) -> ProblemBatch:
     """v = J⁺ t on the active rows: argmin ½‖v‖² s.t. J v = t. Source: eq. 10, v = −d."""
     bound = np.where(constraints.active, constraints.target, -np.inf)
-    return ProblemBatch(
-        np.zeros_like(constraints.gradient), constraints.jacobian, bound, constraints.active
-    )
+    return ProblemBatch(np.zeros_like(constraints.gradient), constraints.jacobian, bound, constraints.active)
 
 
 def _tangent_and_restoration(constraints: ActiveConstraints, equality: Bool[np.ndarray, "B m"]) -> ProblemBatch:

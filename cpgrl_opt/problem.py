@@ -78,9 +78,7 @@ class ProblemBatch(Sequence[DirectionProblem]):
     equality: Bool[np.ndarray, "B m"]
 
     def __init__(self, gradient: ArrayLike, jacobian: ArrayLike, bound: ArrayLike, equality: ArrayLike) -> None:
-        g, J, b = (
-            np.ascontiguousarray(array, dtype=np.float64) for array in (gradient, jacobian, bound)
-        )
+        g, J, b = (np.ascontiguousarray(array, dtype=np.float64) for array in (gradient, jacobian, bound))
         is_equality = np.ascontiguousarray(equality, dtype=np.bool_)
         if J.ndim != 3 or J.shape[2] == 0:
             raise ValueError(f"jacobian should have shape (B, m, n) with n ≥ 1; found {J.shape}")

@@ -1,6 +1,6 @@
 """One step of a constrained learner: rule → formulation → solver → safeguards → parameter change.
 
-    θ ← θ + α₁ s + αₑ v        (eq. 8 of the paper, v = −d)
+θ ← θ + α₁ s + αₑ v        (eq. 8 of the paper, v = −d)
 """
 
 from collections.abc import Callable
@@ -148,7 +148,10 @@ class _Run:
         self.counts["capped"] += too_long
         factor = np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
         return ActiveConstraints(
-            constraints.gradient, constraints.jacobian, constraints.target * factor[:, None], constraints.active
+            constraints.gradient,
+            constraints.jacobian,
+            constraints.target * factor[:, None],
+            constraints.active,
         )
 
     def solve(
@@ -190,9 +193,13 @@ class _Run:
         return answers
 
     def drop(
-        self, constraints: ActiveConstraints, tangent: np.ndarray, restoration: np.ndarray, multipliers: np.ndarray
+        self,
+        constraints: ActiveConstraints,
+        tangent: np.ndarray,
+        restoration: np.ndarray,
+        multipliers: np.ndarray,
     ) -> None:
-        """𝒜 ← 𝒜 \\ {argmax λᵢ} until the rule is content; P and d are built anew, in place. Source: §2.3."""
+        """𝒜 ← 𝒜 without argmax λᵢ, until the rule is content; P and d are built anew, in place. Source: §2.3."""
         active = constraints.active.copy()
         for _ in range(active.shape[1]):
             largest, positive = self.largest_multiplier(constraints.jacobian, multipliers, active)
@@ -203,9 +210,9 @@ class _Run:
                 return
             active[chosen, largest[chosen]] = False
             self.counts["dropped"][chosen] += 1
-            fewer = ActiveConstraints(
-                constraints.gradient, constraints.jacobian, constraints.target, active
-            ).rows(positive)
+            fewer = ActiveConstraints(constraints.gradient, constraints.jacobian, constraints.target, active).rows(
+                positive
+            )
             tangent[chosen], restoration[chosen], multipliers[chosen] = self.solve(fewer, chosen)
 
     def largest_multiplier(
