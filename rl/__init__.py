@@ -1,0 +1,39 @@
+"""Constrained policy-gradient reinforcement learning: policies, gradient estimators, learners, training.
+
+>>> from cpgrl_opt import ConstrainedStep
+>>> from envs import ThreeStateMDP
+>>> from rl import CPGRL, GPOMDP, SoftmaxTable, train
+>>> learner = CPGRL(ConstrainedStep(solver="rosen"), thresholds=[0, 0, 0])
+>>> for record in train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(), learner, episodes=10, runs=2):
+...     pass
+>>> record.episode, record.parameters.shape
+(10, (2, 9))
+"""
+
+from .estimators import GPOMDP, Estimate, Estimation, ExactGradient, GradientEstimator
+from .learners import CPGRL, ConstraintSwitching, Learner, LearnerUpdate, WeightedSum
+from .parallel import map_runs
+from .policies import LinearGaussian, LinearSoftmax, Policy, SoftmaxTable
+from .training import DivergenceError, TrainingRecord, train, uniform_parameters
+
+__all__ = [
+    "CPGRL",
+    "GPOMDP",
+    "ConstraintSwitching",
+    "DivergenceError",
+    "Estimate",
+    "Estimation",
+    "ExactGradient",
+    "GradientEstimator",
+    "Learner",
+    "LearnerUpdate",
+    "LinearGaussian",
+    "LinearSoftmax",
+    "Policy",
+    "SoftmaxTable",
+    "TrainingRecord",
+    "WeightedSum",
+    "map_runs",
+    "train",
+    "uniform_parameters",
+]

@@ -1,0 +1,224 @@
+"""GPOMDP on a finite MDP with a softmax table, compiled: B runs advance one episode in one call.
+
+Swapping the sums of eq. 3 gives each score the rewards that follow it, so no trace of length n is carried:
+
+    Σ_t rⁱ_t (z_t + ψ_t) = Σ_t ψ_t (rⁱ_t + c Lⁱ_t),   Lⁱ_t = rⁱ_{t+1} + β Lⁱ_{t+1},   c = 1 ("paper") or β ("usual")
+
+An episode is simulated forward, runs in the inner loop to fill the processor's pipelines, then walked backward
+gathering G[q] = Σ (rⁱ_t + c Lⁱ_t) for each pair q = (state, action); the scores enter once, by Σ_q ψ(q) G[q]. A step
+costs the same for any number of states and actions up to their search, and hardly more for four channels than for one.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+from jaxtyping import Float
+
+from envs.interface import FiniteKernel, random_state
+from envs.random_stream import next_word
+
+from ..policies import SoftmaxTable
+from .interface import Estimate
+
+if TYPE_CHECKING:
+    from .gpomdp import GPOMDP
+
+_LANES = 4  # channels handled together, one vector register of float64
+_WORD = 2.0**32
+
+
+class FiniteGPOMDP:
+    """B runs of GPOMDP on a `FiniteKernel`; carries ρ and the random states.
+
+    A draw is 32 bits: events rarer than 2⁻³² per step do not occur.
+    Raises ValueError when the policy's table does not fit the kernel.
+    """
+
+    def __init__(
+        self,
+        settings: "GPOMDP",
+        kernel: FiniteKernel,
+        policy: SoftmaxTable,
+        streams: Sequence[np.random.SeedSequence],
+    ) -> None:
+        channels, states, actions = kernel.rewards.shape
+        if (policy.states, policy.actions) != (states, actions):
+            raise ValueError(
+                f"policy should have {states} states and {actions} actions, as the environment; "
+                f"found {policy.states} and {policy.actions}"
+            )
+        lanes = -(-channels // _LANES) * _LANES
+        self.rewards = np.zeros((states * actions, lanes))
+        self.rewards[:, :channels] = kernel.rewards.reshape(channels, -1).T
+        self.transitions = np.ceil(kernel.transition_cumulative * _WORD).astype(np.int64)
+        self.start = kernel.start
+        self.steps = int(settings.steps)
+        paper = settings.weights == "paper"
+        self.first = 1 if paper else 0  # step of the first reward that enters
+        self.following = 1.0 if paper else settings.trace_decay  # c
+        self.trace_decay, self.average_rate = float(settings.trace_decay), float(settings.average_rate)
+        self.random_states = np.array([random_state(stream) for stream in streams])
+        self.averages = np.zeros((len(streams), channels))
+        self.shape = (len(streams), channels, states * actions)
+        self.taken = np.full(len(streams), self.steps)
+        self.events = np.zeros(len(streams), dtype=np.int64)
+
+    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
+        """One episode of each run in one compiled call."""
+        gradients = np.empty(self.shape)
+        rewards = np.empty(self.shape[:2])
+        advance(
+            np.ascontiguousarray(parameters),
+            self.transitions,
+            self.rewards,
+            self.start,
+            self.steps,
+            self.first,
+            self.trace_decay,
+            self.following,
+            self.average_rate,
+            self.random_states,
+            self.averages,
+            gradients,
+            rewards,
+        )
+        return Estimate(self.averages.copy(), gradients, self.taken, rewards, self.events)
+
+
+@numba.njit("void(float64[::1], float64[:, ::1], int64[:, ::1])", cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
+    """μ(s, a), and the least 32-bit draw that goes beyond action a in state s."""
+    states, actions = probabilities.shape
+    for s in range(states):
+        preferences = theta[s * actions : (s + 1) * actions]
+        largest, total, below = preferences.max(), 0.0, 0.0
+        for a in range(actions):
+            probabilities[s, a] = np.exp(preferences[a] - largest)
+            total += probabilities[s, a]
+        for a in range(actions):
+            probabilities[s, a] /= total
+            below += probabilities[s, a]
+            thresholds[s, a] = np.int64(np.ceil(below * _WORD))
+
+
+@numba.njit("int64(int64[::1], int64)", cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _drawn(thresholds, draw):  # type: ignore[no-untyped-def]
+    """The first j with draw < thresholds[j], the last if none; the last is not compared."""
+    last = thresholds.size - 1
+    if last > 16:
+        return min(np.searchsorted(thresholds, draw, side="right"), last)
+    count = 0
+    for j in range(last):  # without a branch: none is mispredicted
+        count += draw >= thresholds[j]
+    return count
+
+
+@numba.njit(  # type: ignore[misc, unused-ignore]
+    "void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def _simulate(actions, transitions, start, random_states, visits):  # type: ignore[no-untyped-def]
+    """One word a step: its high half draws the action, its low half the next state; visits (T, B) are s·A + a."""
+    steps, runs = visits.shape
+    state = np.full(runs, start)
+    for t in range(steps):
+        for run in range(runs):
+            word = next_word(random_states[run])
+            s = state[run]
+            a = _drawn(actions[run, s], np.int64(word >> np.uint64(32)))
+            visits[t, run] = s * actions.shape[2] + a
+            state[run] = _drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
+
+
+@numba.njit(  # type: ignore[misc, unused-ignore]
+    "void(int32[:, ::1], int64, float64[:, ::1], int64, float64, float64, float64, float64[:, ::1], float64[:, ::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums):  # type: ignore[no-untyped-def]
+    """G[q] = Σ (r_t + c L_t) over visits to q, sums[0] = Σ r_t, sums[1] = Σ α_r (1 − α_r)^{T−1−t} r_t; four lanes."""
+    steps = visits.shape[0]
+    for i in range(0, rewards.shape[1], _LANES):
+        L0 = L1 = L2 = L3 = 0.0
+        S0 = S1 = S2 = S3 = 0.0
+        M0 = M1 = M2 = M3 = 0.0
+        weight = rate
+        for t in range(steps - 1, first - 1, -1):
+            q = visits[t, run]
+            r0, r1, r2, r3 = rewards[q, i], rewards[q, i + 1], rewards[q, i + 2], rewards[q, i + 3]
+            gathered[q, i] += r0 + following * L0
+            gathered[q, i + 1] += r1 + following * L1
+            gathered[q, i + 2] += r2 + following * L2
+            gathered[q, i + 3] += r3 + following * L3
+            L0, L1, L2, L3 = r0 + decay * L0, r1 + decay * L1, r2 + decay * L2, r3 + decay * L3
+            S0, S1, S2, S3 = S0 + r0, S1 + r1, S2 + r2, S3 + r3
+            M0, M1, M2, M3 = M0 + weight * r0, M1 + weight * r1, M2 + weight * r2, M3 + weight * r3
+            weight *= 1.0 - rate
+        later, total, recent = (L0, L1, L2, L3), (S0, S1, S2, S3), (M0, M1, M2, M3)
+        for lane in range(_LANES):
+            sums[0, i + lane], sums[1, i + lane] = total[lane], recent[lane]
+            if first == 1:  # r(x₀, u₀) enters neither Δ nor ρ, only the episode's sum
+                gathered[visits[0, run], i + lane] += following * later[lane]
+                sums[0, i + lane] += rewards[visits[0, run], i + lane]
+
+
+@numba.njit("void(float64[:, ::1], float64[:, ::1], float64, float64[:, ::1])", cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]  # fmt: skip
+def _contract(gathered, probabilities, updates, gradients):  # type: ignore[no-untyped-def]
+    """Δⁱ = Σ_q ψ(q) Gⁱ[q] / updates: G − μ(s, ·) Σ_b G[s, b] in each state."""
+    states, actions = probabilities.shape
+    for i in range(gradients.shape[0]):
+        for s in range(states):
+            total = 0.0
+            for a in range(actions):
+                total += gathered[s * actions + a, i]
+            for a in range(actions):
+                q = s * actions + a
+                gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / updates
+
+
+@numba.njit(  # type: ignore[misc, unused-ignore]
+    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, int64, float64, float64, float64, "
+    "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def advance(  # type: ignore[no-untyped-def]
+    parameters,  # (B, S·A)
+    transitions,  # (S, A, S) least draws beyond each next state
+    rewards,  # (S·A, lanes), channels padded with zeros
+    start,
+    steps,
+    first,
+    trace_decay,
+    following,
+    average_rate,
+    random_states,  # (B, 4), advanced
+    averages,  # (B, 1 + m), advanced
+    gradients,  # (B, 1 + m, S·A), filled
+    reward_sums,  # (B, 1 + m), filled
+):
+    """One episode of B runs."""
+    runs, pairs = parameters.shape
+    states, actions = transitions.shape[:2]
+    probabilities = np.empty((runs, states, actions))
+    thresholds = np.empty((runs, states, actions), np.int64)
+    visits = np.empty((steps, runs), np.int32)
+    gathered, sums = np.empty((pairs, rewards.shape[1])), np.empty((2, rewards.shape[1]))
+    for run in range(runs):
+        _tabulate(parameters[run], probabilities[run], thresholds[run])
+    _simulate(thresholds, transitions, start, random_states, visits)
+    updates = steps - first
+    kept = (1.0 - average_rate) ** updates
+    for run in range(runs):
+        gathered[:] = 0.0
+        _gather(visits, run, rewards, first, trace_decay, following, average_rate, gathered, sums)
+        _contract(gathered, probabilities[run], max(updates, 1), gradients[run])
+        for i in range(averages.shape[1]):
+            averages[run, i] = kept * averages[run, i] + sums[1, i]
+            reward_sums[run, i] = sums[0, i]

@@ -1,0 +1,100 @@
+"""GPOMDP: policy gradients of all reward channels from one trace."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..policies import Policy, SoftmaxTable
+from ..policies.interface import require_count
+from ..rollout import episode, require_gymnasium
+from .interface import Estimate, Estimation
+
+WEIGHTS = ("paper", "usual")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GPOMDP:
+    """z ← βz + ψ,  Δⁱ ← mean of rⁱ(z + ψ),  ρⁱ ← ρⁱ + α_r (rⁱ − ρⁱ): one trace for all channels.
+
+    With weights "paper", eq. 3 as printed: rⁱ(x_t, u_t) meets z_t + ψ_t, z_t = Σ_{k<t} βᵗ⁻¹⁻ᵏ ψ_k, so a score is
+    weighted 1, 1, β, β², … with the rewards from its own step on; r(x₀, u₀) enters neither Δ nor ρ, and an episode of
+    T steps makes T − 1 updates. With "usual", rⁱ(x_t, u_t) meets z_{t+1}: weights 1, β, β², …, T updates.
+    z and Δ restart with each episode; ρ goes on from the last one's (our reading of §2.4, which breaks off).
+
+    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; steps T: an episode's time limit.
+    Bias, the price of β < 1 (measured at β = 0.99, steps → ∞, relative to the exact gradient's norm, over channels
+    of the three-state MDP and policies θ ~ U[0, 1]⁹): see `benchmarks/trace_decay_bias.py`.
+    A finite MDP with a `SoftmaxTable` runs compiled, keeping 4 bytes of each step. Any other pair takes
+    the generic path: a Gymnasium environment with vector rewards that `reset(seed=…)` starts anew.
+    Source: eq. 3 and 4 of the paper; Baxter & Bartlett (2001).
+    """
+
+    trace_decay: float = 0.99
+    average_rate: float = 0.02
+    weights: str = "paper"
+    steps: int = 100
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.trace_decay < 1:
+            raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
+        if not 0 <= self.average_rate <= 1:
+            raise ValueError(f"average_rate should be in [0, 1]; found {self.average_rate!r}")
+        if self.weights not in WEIGHTS:
+            raise ValueError(f"weights should be one of {', '.join(WEIGHTS)}; found {self.weights!r}")
+        require_count("steps", self.steps)
+
+    def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
+        """Compiled where environment and policy allow it, generic otherwise."""
+        from envs.interface import FiniteEnvironment  # Gymnasium loads with envs
+
+        if isinstance(environment, FiniteEnvironment) and isinstance(policy, SoftmaxTable):
+            from .finite_gpomdp import FiniteGPOMDP  # numba loads here
+
+            return FiniteGPOMDP(self, environment.finite_kernel(), policy, streams)
+        return RolloutGPOMDP(self, environment, policy, streams)
+
+
+class RolloutGPOMDP:
+    """The generic path: any Gymnasium environment with vector rewards, any policy; a plain loop.
+
+    One environment serves all runs: each episode resets it with a seed from the run's own stream.
+    """
+
+    def __init__(
+        self, settings: GPOMDP, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
+    ) -> None:
+        require_gymnasium(environment)
+        self.settings = settings
+        self.environment = environment
+        self.policy = policy
+        self.rngs = [np.random.default_rng(stream) for stream in streams]
+        self.averages: list[Float[np.ndarray, "channels"] | float] = [0.0] * len(self.rngs)
+
+    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
+        """One episode of each run."""
+        runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
+        values, gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
+        return Estimate(values, gradients, steps, rewards, events)
+
+    def _run(self, run: int, theta: Float[np.ndarray, "n"]) -> tuple[Any, ...]:
+        settings, policy = self.settings, self.policy.with_parameters(theta)
+        paper = settings.weights == "paper"
+        trace, total = np.zeros(len(theta)), 0.0
+        average, rewards, steps, event = self.averages[run], 0.0, 0, 0
+        for step in episode(self.environment, policy, self.rngs[run], settings.steps):
+            score = policy.score(step.observation, step.action)
+            met = trace + score if paper else settings.trace_decay * trace + score
+            if steps > 0 or not paper:
+                total = total + np.outer(step.reward, met)  # the sum of eq. 3, its mean is taken at the end
+                average = average + settings.average_rate * (step.reward - average)  # eq. 4
+            trace = settings.trace_decay * trace + score
+            rewards = rewards + step.reward
+            steps, event = steps + 1, step.event
+        updates = steps - 1 if paper else steps
+        channels = np.zeros_like(rewards)
+        self.averages[run] = average + channels
+        gradients = (total + np.zeros((len(channels), len(theta)))) / max(updates, 1)
+        return self.averages[run], gradients, steps, rewards, event

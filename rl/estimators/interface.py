@@ -1,0 +1,51 @@
+"""What training needs of an estimator: a start, then one estimate for each episode of each run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from cpgrl_opt import Linearization
+
+from ..policies import Policy
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """ρⁱ and Δⁱ of B runs after an episode each, and what the episodes were like. Fresh arrays every time.
+
+    values: (B, 1 + m), ρ per step; gradients: (B, 1 + m, n); steps: (B,), environment steps taken;
+    rewards: (B, 1 + m), each channel's sum over the episode; events: (B,), how the episode ended as the environment
+    counts it, 0 at its time limit. An estimator that does not sample has zeros in the last three.
+    """
+
+    values: Float[np.ndarray, "B channels"]
+    gradients: Float[np.ndarray, "B channels n"]
+    steps: Int[np.ndarray, "B"]
+    rewards: Float[np.ndarray, "B channels"]
+    events: Int[np.ndarray, "B"]
+
+    @cached_property
+    def linearization(self) -> Linearization:
+        """What a learner takes; ValueError for NaN and infinities."""
+        return Linearization(self.values, self.gradients)
+
+
+class Estimation(Protocol):
+    """B runs under way: what is carried from episode to episode lives here."""
+
+    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
+        """One episode of each run at its own θ, a row of `parameters`."""
+
+
+class GradientEstimator(Protocol):
+    """Settings of an estimator."""
+
+    def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
+        """B = len(streams) runs, each with its random stream; a run must not depend on the others.
+
+        Raises ValueError for an environment or a policy that the estimator does not take.
+        """

@@ -1,0 +1,46 @@
+"""CONB, the constraints-based method that the paper compares with (§3.1)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from cpgrl_opt import Linearization
+from cpgrl_opt.step import Observer
+
+from .interface import LearnerUpdate
+from .settings import require_step_size, threshold_vector
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class ConstraintSwitching:
+    """θ ← θ + α₁ Δ¹ if ρⁱ − Gⁱ > 0 for all i, else θ + α₁ Δʲ, j = argmin ρⁱ − Gⁱ.
+
+    thresholds Gⁱ: (m,), per environment step. Where some rewards sum to 0 and their thresholds are 0, as in the
+    three-state MDP, the first case never holds (reproduction.md, slip 6). Source: §3.1 of the paper, CONB.
+    """
+
+    thresholds: Float[np.ndarray, "m"]
+    step_size: float
+
+    def __init__(self, thresholds: ArrayLike, *, step_size: float = 0.02) -> None:
+        object.__setattr__(self, "thresholds", threshold_vector(thresholds))
+        object.__setattr__(self, "step_size", require_step_size(step_size))
+
+    def update(
+        self,
+        linearization: Linearization,
+        memory: Any = None,  # noqa: ARG002 - nothing is remembered
+        observe: Observer | None = None,  # noqa: ARG002 - no direction problem is solved
+    ) -> LearnerUpdate:
+        """One gradient's step; counts `objective`, the updates along Δ¹."""
+        slack = linearization.slack(self.thresholds)
+        active = slack <= 0
+        violated = active.any(axis=1)
+        # channel 0 is Δ¹, channel j + 1 the j-th constraint; without constraints there is nothing to switch to
+        channel = np.where(violated, slack.argmin(axis=1) + 1 if slack.shape[1] else 0, 0)
+        change = self.step_size * linearization.gradients[np.arange(len(slack)), channel]
+        stationary = ~change.any(axis=1)
+        return LearnerUpdate(change, active, stationary, {"objective": (~violated).astype(np.int64)})

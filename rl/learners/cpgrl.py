@@ -1,0 +1,39 @@
+"""CPGRL: constrained policy-gradient reinforcement learning by gradient projection (§2.3)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+import numpy as np
+
+from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt.step import Observer
+
+from .interface import LearnerUpdate
+from .settings import threshold_vector
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class CPGRL:
+    """θ ← θ + α₁ PΔ¹ − αₑ d, P and d from the active constraints; or what else the step is set to.
+
+    step: any `ConstrainedStep`, with its solver and formulation; thresholds Gⁱ: (m,), per environment step.
+    Source: eq. 8–10 of the paper.
+    """
+
+    step: ConstrainedStep
+    thresholds: Float[np.ndarray, "m"]
+
+    def __init__(self, step: ConstrainedStep, thresholds: ArrayLike) -> None:
+        object.__setattr__(self, "step", step)
+        object.__setattr__(self, "thresholds", threshold_vector(thresholds))
+
+    def update(
+        self, linearization: Linearization, memory: Any = None, observe: Observer | None = None
+    ) -> LearnerUpdate:
+        """The step's change; the memory is its active set."""
+        result = self.step(linearization, self.thresholds, memory, observe)
+        counts = {name: getattr(result, name) for name in result.COUNTS}
+        return LearnerUpdate(result.change, result.active, result.stationary, counts, result.active)

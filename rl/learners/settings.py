@@ -1,0 +1,20 @@
+"""Settings that learners share: thresholds and step size, checked once."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def threshold_vector(thresholds: ArrayLike) -> NDArray[np.float64]:
+    """A read-only copy of Gⁱ, (m,); ValueError for another shape, NaN, infinities."""
+    vector = np.array(thresholds, dtype=np.float64)
+    if vector.ndim != 1 or not np.isfinite(vector).all():
+        raise ValueError(f"thresholds should be finite numbers, (m,); found {vector.tolist()}")
+    vector.flags.writeable = False
+    return vector
+
+
+def require_step_size(step_size: float) -> float:
+    """ValueError unless α₁ is a finite number ≥ 0."""
+    if not 0 <= step_size < np.inf:
+        raise ValueError(f"step_size should be a finite number ≥ 0; found {step_size!r}")
+    return float(step_size)

@@ -1,0 +1,46 @@
+"""What an estimator needs of a policy μ_θ(x, u)."""
+
+from collections.abc import Callable
+from typing import Any, Protocol, Self
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike, NDArray
+
+from cpgrl_opt.arrays import Vector
+
+Features = Callable[[Any], Float[np.ndarray, "k"]]
+
+
+class Policy(Protocol):
+    """μ_θ(x, u), immutable: `with_parameters` gives the same policy at another θ."""
+
+    @property
+    def parameters(self) -> Vector:
+        """θ, (n,), read-only."""
+
+    def sample(self, observation: Any, rng: np.random.Generator) -> Any:
+        """u ~ μ_θ(x, ·)."""
+
+    def score(self, observation: Any, action: Any) -> Vector:
+        """ψ = ∇_θ log μ_θ(x, u), (n,). Source: §2.2 of the paper."""
+
+    def with_parameters(self, parameters: ArrayLike) -> Self:
+        """The policy at another θ, (n,)."""
+
+
+def parameter_vector(parameters: ArrayLike | None, n: int) -> NDArray[np.float64]:
+    """A read-only copy of θ, (n,), zeros if None; ValueError unless it is finite and has n components."""
+    theta = np.zeros(n) if parameters is None else np.array(parameters, dtype=np.float64)
+    if theta.shape != (n,):
+        raise ValueError(f"parameters should have shape ({n},); found {theta.shape}")
+    if not np.isfinite(theta).all():
+        raise ValueError(f"parameters should be finite; found {theta[~np.isfinite(theta)][0]}")
+    theta.flags.writeable = False
+    return theta
+
+
+def require_count(name: str, value: int, least: int = 1) -> None:
+    """ValueError unless `value` is an integer ≥ least."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} should be an integer ≥ {least}; found {value!r}")

@@ -1,0 +1,69 @@
+"""A Gaussian over actions whose mean is linear in features of the observation."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cpgrl_opt.arrays import Vector
+
+from .interface import Features, parameter_vector, require_count
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class LinearGaussian:
+    """u ~ N(Θᵀφ(x), σ²I);   ψ = φ(x) ⊗ (u − Θᵀφ(x)) / σ².
+
+    features: φ(x), (k,), finite; Θ: (k, d), θ its rows one after the other; deviation σ > 0 in the unit of u.
+    Source: Williams (1992), §6; the shape of the paper's §4.1 policy.
+    """
+
+    features: Features
+    size: int  # k
+    dimensions: int  # d
+    deviation: float
+    parameters: Vector
+
+    def __init__(
+        self,
+        features: Features,
+        size: int,
+        dimensions: int,
+        *,
+        deviation: float = 1.0,
+        parameters: ArrayLike | None = None,
+    ) -> None:
+        require_count("size", size)
+        require_count("dimensions", dimensions)
+        if not 0 < deviation < np.inf:
+            raise ValueError(f"deviation should be a finite number > 0; found {deviation!r}")
+        for name, value in (
+            ("features", features),
+            ("size", int(size)),
+            ("dimensions", int(dimensions)),
+            ("deviation", float(deviation)),
+            ("parameters", parameter_vector(parameters, size * dimensions)),
+        ):
+            object.__setattr__(self, name, value)
+
+    def mean(self, observation: Any) -> Vector:
+        """Θᵀφ(x), (d,)."""
+        return self._of(self.features(observation))
+
+    def sample(self, observation: Any, rng: np.random.Generator) -> Vector:
+        """An action, (d,)."""
+        return self.mean(observation) + self.deviation * rng.standard_normal(self.dimensions)
+
+    def score(self, observation: Any, action: ArrayLike) -> Vector:
+        """ψ, (k·d,)."""
+        phi = self.features(observation)
+        surprise = (np.asarray(action, dtype=np.float64) - self._of(phi)) / self.deviation**2
+        return np.outer(phi, surprise).reshape(-1)
+
+    def with_parameters(self, parameters: ArrayLike) -> Self:
+        """The policy at another θ, (k·d,)."""
+        return type(self)(self.features, self.size, self.dimensions, deviation=self.deviation, parameters=parameters)
+
+    def _of(self, phi: Vector) -> Vector:
+        return phi @ self.parameters.reshape(self.size, self.dimensions)

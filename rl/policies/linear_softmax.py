@@ -1,0 +1,60 @@
+"""A softmax over actions whose preferences are linear in features of the observation."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cpgrl_opt.arrays import Vector
+
+from .interface import Features, parameter_vector, require_count
+from .softmax_table import softmax
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class LinearSoftmax:
+    """μ_θ(x, a) ∝ exp (Θᵀφ(x))_a;   ψ = φ(x) ⊗ (1[· = a] − μ_θ(x, ·)).
+
+    features: φ(x), (k,), finite; Θ: (k, A), θ its rows one after the other. One-hot features make it `SoftmaxTable`.
+    Source: Sutton & Barto, Reinforcement Learning, 2nd ed., §13.1.
+    """
+
+    features: Features
+    size: int  # k
+    actions: int
+    parameters: Vector
+
+    def __init__(self, features: Features, size: int, actions: int, parameters: ArrayLike | None = None) -> None:
+        require_count("size", size)
+        require_count("actions", actions)
+        for name, value in (
+            ("features", features),
+            ("size", int(size)),
+            ("actions", int(actions)),
+            ("parameters", parameter_vector(parameters, size * actions)),
+        ):
+            object.__setattr__(self, name, value)
+
+    def probabilities(self, observation: Any) -> Vector:
+        """μ_θ(x, ·), (A,)."""
+        return self._of(self.features(observation))
+
+    def sample(self, observation: Any, rng: np.random.Generator) -> int:
+        """An action 0 … A − 1."""
+        cumulative = np.cumsum(self.probabilities(observation))
+        return min(int(np.searchsorted(cumulative, rng.random(), side="right")), self.actions - 1)
+
+    def score(self, observation: Any, action: int) -> Vector:
+        """ψ, (k·A,)."""
+        phi = self.features(observation)
+        surprise = -self._of(phi)
+        surprise[action] += 1.0
+        return np.outer(phi, surprise).reshape(-1)
+
+    def with_parameters(self, parameters: ArrayLike) -> Self:
+        """The policy at another θ, (k·A,)."""
+        return type(self)(self.features, self.size, self.actions, parameters)
+
+    def _of(self, phi: Vector) -> Vector:
+        return softmax(phi @ self.parameters.reshape(self.size, self.actions))

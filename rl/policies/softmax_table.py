@@ -1,0 +1,65 @@
+"""A lookup table with softmax distribution: the policy of the three-state MDP (§3.1)."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from cpgrl_opt.arrays import Vector
+
+from .interface import parameter_vector, require_count
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class SoftmaxTable:
+    """μ_θ(s, a) = exp θ_{s,a} / Σ_b exp θ_{s,b};   ψ_{s',b}(s, a) = 1[s' = s] (1[b = a] − μ_θ(s, b)).
+
+    θ: (S·A,), index s·A + a; zeros, the uniform policy, unless given. Source: §3.1 of the paper.
+    """
+
+    states: int
+    actions: int
+    parameters: Vector
+
+    def __init__(self, states: int, actions: int, parameters: ArrayLike | None = None) -> None:
+        require_count("states", states)
+        require_count("actions", actions)
+        for name, value in (
+            ("states", int(states)),
+            ("actions", int(actions)),
+            ("parameters", parameter_vector(parameters, states * actions)),
+        ):
+            object.__setattr__(self, name, value)
+
+    def probabilities(self, parameters: Float[np.ndarray, "*runs n"] | None = None) -> Float[np.ndarray, "*runs S A"]:
+        """μ_θ as a table (…, S, A), of the policy's own θ or of many, (…, S·A)."""
+        theta = self.parameters if parameters is None else np.asarray(parameters, dtype=np.float64)
+        return softmax(theta.reshape(theta.shape[:-1] + (self.states, self.actions)))
+
+    def sample(self, observation: int, rng: np.random.Generator) -> int:
+        """An action 0 … A − 1 in the state 0 … S − 1."""
+        cumulative = np.cumsum(self._row(observation))
+        # min: rounding can leave the last sum below the draw
+        return min(int(np.searchsorted(cumulative, rng.random(), side="right")), self.actions - 1)
+
+    def score(self, observation: int, action: int) -> Vector:
+        """ψ, (S·A,): zero but for the A entries of the state."""
+        psi = np.zeros((self.states, self.actions))
+        psi[observation] = -self._row(observation)
+        psi[observation, action] += 1.0
+        return psi.reshape(-1)
+
+    def with_parameters(self, parameters: ArrayLike) -> Self:
+        """The table at another θ, (S·A,)."""
+        return type(self)(self.states, self.actions, parameters)
+
+    def _row(self, state: int) -> Float[np.ndarray, "A"]:
+        return softmax(self.parameters[state * self.actions : (state + 1) * self.actions])
+
+
+def softmax(preferences: Float[np.ndarray, "*rows A"]) -> Float[np.ndarray, "*rows A"]:
+    """exp hᵢ / Σⱼ exp hⱼ over the last axis; shifted by max h, so that nothing overflows."""
+    weights = np.exp(preferences - preferences.max(axis=-1, keepdims=True))
+    return weights / weights.sum(axis=-1, keepdims=True)

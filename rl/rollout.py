@@ -1,0 +1,52 @@
+"""One episode of a policy in a Gymnasium environment with vector rewards."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .policies import Policy
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Step:
+    """x_t, u_t, the rewards that (x_t, u_t) yields, (1 + m,), and the event that ended the episode, 0 for none."""
+
+    observation: Any
+    action: Any
+    reward: Float[np.ndarray, "channels"]
+    event: int
+
+
+def episode(environment: Any, policy: Policy, rng: np.random.Generator, limit: int) -> Iterator[Step]:
+    """Steps from a reset, seeded from `rng`, to the episode's end or to `limit` steps.
+
+    A terminated episode's last event is info["event"] if the environment counts events, else 1.
+    """
+    observation, _ = environment.reset(seed=int(rng.integers(2**31)))
+    for _ in range(limit):
+        action = policy.sample(observation, rng)
+        following, reward, terminated, truncated, info = environment.step(action)
+        event = int(info.get("event", 1)) if terminated else 0
+        yield Step(observation, action, _vector(reward), event)
+        if terminated or truncated:
+            return
+        observation = following
+
+
+def require_gymnasium(environment: Any) -> None:
+    """ValueError unless `environment` has reset and step."""
+    if not (callable(getattr(environment, "reset", None)) and callable(getattr(environment, "step", None))):
+        raise ValueError(
+            "environment should be a Gymnasium environment (reset, step), or a finite MDP (finite_kernel) with a "
+            f"SoftmaxTable; found {type(environment).__name__}"
+        )
+
+
+def _vector(reward: Any) -> Float[np.ndarray, "channels"]:
+    vector = np.asarray(reward, dtype=np.float64)
+    if vector.ndim != 1:
+        raise ValueError(f"rewards should be vectors (1 + m,); found shape {vector.shape}")
+    return vector

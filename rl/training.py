@@ -1,0 +1,128 @@
+"""Training: many runs of one learner in lockstep by episode, as a generator of records."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cpgrl_opt import Linearization
+from cpgrl_opt.arrays import Vector
+from cpgrl_opt.step import Observer
+
+from .estimators import Estimate, Estimation, GradientEstimator
+from .learners import Learner, LearnerUpdate
+from .policies import Policy
+from .policies.interface import require_count
+from .streams import run_indices, run_streams
+
+Initial = Callable[[np.random.Generator], Vector]
+
+
+class DivergenceError(FloatingPointError):
+    """An estimate is not finite: the run cannot go on."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TrainingRecord:
+    """B runs after an episode and the update that followed it.
+
+    episode: from 1; parameters: (B, n), θ *after* the update; estimate: at the θ before it; update: the change.
+    The arrays are the training's own, made anew each episode and never written again: keep them without copying,
+    do not write to them.
+    """
+
+    episode: int
+    parameters: Float[np.ndarray, "B n"]
+    estimate: Estimate
+    update: LearnerUpdate
+
+    @property
+    def linearization(self) -> Linearization:
+        """ρ (B, 1 + m) and Δ (B, 1 + m, n) that the update was made from."""
+        return self.estimate.linearization
+
+
+def train(
+    environment: Any,
+    policy: Policy,
+    estimator: GradientEstimator,
+    learner: Learner,
+    *,
+    episodes: int,
+    runs: int | Sequence[int] = 20,
+    seed: int = 0,
+    initial: Initial | None = None,
+    observe: Observer | None = None,
+    stop_when_stationary: bool = False,
+) -> Iterator[TrainingRecord]:
+    """while k < N_K: estimate ρ and Δ over an episode; update θ (§2.1). One record per episode.
+
+    episodes: N_K; runs: how many, or which: run i of a seed is the same, bit for bit, whatever else runs beside it.
+    initial: draws a run's first θ from the run's own stream; the policy's θ for every run if not given.
+    observe: sees every direction problem of the learner with its answer.
+    stop_when_stationary: end after the update in which every run was stationary (the paper's termination).
+    Raises ValueError for bad input at once, DivergenceError when an estimate is not finite.
+    """
+    require_count("episodes", episodes, 0)
+    indices = run_indices(runs)
+    streams = [run_streams(seed, run) for run in indices]
+    parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
+    estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
+    return _records(estimation, learner, parameters, _Course(indices, episodes, observe, stop_when_stationary))
+
+
+@dataclass(frozen=True)
+class _Course:
+    runs: tuple[int, ...]
+    episodes: int
+    observe: Observer | None
+    stop_when_stationary: bool
+
+
+def _records(
+    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: _Course
+) -> Iterator[TrainingRecord]:
+    memory: Any = None
+    for episode in range(1, course.episodes + 1):
+        estimate = estimation.episode(parameters)
+        linearization = _finite(estimate, course.runs, episode)
+        update = learner.update(linearization, memory, course.observe)
+        memory = update.memory
+        parameters = parameters + update.change
+        yield TrainingRecord(episode, parameters, estimate, update)
+        if course.stop_when_stationary and update.stationary.all():
+            return
+
+
+def _finite(estimate: Estimate, runs: tuple[int, ...], episode: int) -> Linearization:
+    """The linearization, or which run and channel diverged."""
+    try:
+        return estimate.linearization
+    except ValueError as error:
+        finite = np.isfinite(estimate.values) & np.isfinite(estimate.gradients).all(axis=2)
+        if finite.all():
+            raise
+        run, channel = np.argwhere(~finite)[0]
+        raise DivergenceError(
+            f"the estimate of channel {channel} in run {runs[run]}, episode {episode}, should be finite; found "
+            f"ρ = {estimate.values[run, channel]}, max |Δ| = {np.abs(estimate.gradients[run, channel]).max()}. "
+            "Lower the rates, or set the step's ridge or max_restoration"
+        ) from error
+
+
+def uniform_parameters(n: int, low: float = 0.0, high: float = 1.0) -> Initial:
+    """θ₀ ~ U[low, high]ⁿ; the paper's §3.1 has U[0, 1]⁹."""
+    require_count("n", n)
+    if not -np.inf < low <= high < np.inf:
+        raise ValueError(f"low and high should be finite, low ≤ high; found {low!r}, {high!r}")
+    return lambda rng: rng.uniform(low, high, n)
+
+
+def _first_parameters(
+    policy: Policy, initial: Initial | None, rngs: Sequence[np.random.Generator]
+) -> Float[np.ndarray, "B n"]:
+    if initial is None:
+        return np.array([policy.parameters for _ in rngs])
+    return np.array([policy.with_parameters(initial(rng)).parameters for rng in rngs])  # which checks them
