@@ -1,0 +1,80 @@
+"""Direction solvers: one file per method, one line each in SOLVERS.
+
+A new solver is a frozen dataclass of settings with `solve(problem) -> Direction` in a file here, and one line below;
+a QP back end is one function on a `ReducedProblem`, passed to `solve_prepared`.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from .active_set import ActiveSet
+from .enumeration import Enumeration
+from .interface import (
+    DEFAULT_TOLERANCE,
+    DirectionSolver,
+    MissingPackageError,
+    solve_batch,
+    supports,
+    tolerance_of,
+)
+from .nnls import NNLS
+from .osqp import OSQP
+from .packages import has_package
+from .rosen import Rosen
+from .rosen_drop import RosenDrop
+from .through_cvxpy import CVXPY
+from .through_qpsolvers import QPSolversBackend
+
+SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
+    {
+        "rosen": Rosen(),
+        "rosen-drop": RosenDrop(),
+        "active-set": ActiveSet(),
+        "nnls": NNLS(),
+        "enumeration": Enumeration(),
+        "osqp": OSQP(),
+        "quadprog": QPSolversBackend("quadprog"),
+        "daqp": QPSolversBackend("daqp"),
+        "piqp": QPSolversBackend("piqp"),
+        "proxqp": QPSolversBackend("proxqp"),
+        "clarabel": QPSolversBackend("clarabel"),
+        "highs": QPSolversBackend("highs"),
+        "scs": QPSolversBackend("scs"),
+        "cvxpy": CVXPY(),
+    }
+)
+
+
+def solver_named(name: str) -> DirectionSolver:
+    """SOLVERS[name], or a ValueError that lists the right names."""
+    if name not in SOLVERS:
+        raise ValueError(f"solver should be one of {', '.join(SOLVERS)}; found {name!r}")
+    return SOLVERS[name]
+
+
+def is_installed(solver: DirectionSolver) -> bool:
+    """Whether the package behind a solver is there; True for a solver that names none."""
+    package = getattr(solver, "package", None)
+    return package is None or has_package(package)
+
+
+__all__ = [
+    "CVXPY",
+    "DEFAULT_TOLERANCE",
+    "NNLS",
+    "OSQP",
+    "SOLVERS",
+    "ActiveSet",
+    "DirectionSolver",
+    "Enumeration",
+    "MissingPackageError",
+    "QPSolversBackend",
+    "Rosen",
+    "RosenDrop",
+    "has_package",
+    "is_installed",
+    "solve_batch",
+    "solver_named",
+    "supports",
+    "tolerance_of",
+]

@@ -1,0 +1,131 @@
+"""Proof of infeasibility, and the direction that violates the constraints least.
+
+    v = argmin ‖v‖  s.t.  Ĵd + v ≥ b̂ (I), Ĵd + v = b̂ (E) for some d     =  projection of b̂ onto {y : Ĵᵀy = 0, y ≥ 0 on I}
+
+so v ≠ 0 is a Farkas vector itself: Ĵᵀv = 0, v ≥ 0, b̂ᵀv = ‖v‖² > 0. With N an orthonormal basis of {y : Ĵᵀy = 0},
+decided at RANK_TOLERANCE, v = N Nᵀ(b̂ + s), s = argmin_{s ≥ 0} ‖Nᵀ(b̂ + s)‖: a nonnegative least-squares problem.
+All directions that violate least have Ĵd ≥ b̂ − v with equality where vᵢ ≠ 0; the answer is the nearest to g of them.
+Source: Farkas' lemma; Lawson & Hanson, Solving Least Squares Problems, ch. 23; Moreau's decomposition.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..arrays import Multipliers, Vector
+from ..direction import Direction, Status
+from ..kkt import farkas_residual
+from ..problem import DirectionProblem
+from ..projection import RANK_TOLERANCE
+from .least_distance import least_distance
+from .polishing import faces, project_onto_face
+from .reduction import ScaledProblem, reduce_problem, scale_problem
+
+# ‖v‖ in units of s above which a problem is infeasible; below it, bounds that should agree differ by rounding.
+VIOLATION_TOLERANCE = 1e-9
+# v = 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
+_FARKAS_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class LeastViolation:
+    """direction: (n,) the least-violation direction nearest to g; proof: (m,) Farkas vector; size: ‖v‖ in units of s."""
+
+    direction: Vector
+    proof: Multipliers
+    size: float
+
+
+def least_violation(problem: DirectionProblem) -> LeastViolation | None:
+    """The least violation where it is proven to exceed 1e-9 (or a zero row asks for something), else None."""
+    scaled = scale_problem(problem)
+    if not np.isfinite(scaled.scale):
+        return None
+    scaled, violation, d = _least_violation(scaled)
+    size = float(np.sqrt(violation @ violation))
+    value = d * scaled.scale
+    if scaled.impossible.any():
+        return LeastViolation(value, np.where(scaled.impossible, np.sign(problem.bound), 0.0), np.inf)
+    if size <= VIOLATION_TOLERANCE:
+        return None
+    proof = scaled.original_multipliers(violation / size)
+    return LeastViolation(value, proof, size) if farkas_residual(problem, proof) <= _FARKAS_TOLERANCE else None
+
+
+def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Direction | None:
+    """The INFEASIBLE answer of a problem that is proven to be so, else None."""
+    least = least_violation(problem)
+    if least is None or not np.isfinite(least.direction).all() or not np.isfinite(least.proof).all():
+        return None
+    return Direction(least.direction, least.proof, Status.INFEASIBLE, iterations)
+
+
+def _least_violation(scaled: ScaledProblem) -> tuple[ScaledProblem, Float[np.ndarray, "p"], Vector]:
+    """(problem in its last units, v, d); rows too slack to matter enter only if d violates them."""
+    considered = scaled.relevant_rows()
+    while True:
+        part = scaled.restricted(considered)
+        violation = np.zeros(len(considered))
+        violation[considered] = _violation(part)
+        d = _nearest(part, violation[considered])
+        violated = ~considered & (scaled.rows @ d < scaled.bound)
+        if not violated.any():
+            return scaled, violation, d
+        considered = considered | violated
+        scaled = scaled.rescaled(max(1.0, float(np.sqrt(d @ d))))
+
+
+def _violation(scaled: ScaledProblem) -> Float[np.ndarray, "p"]:
+    """v of the module's head, supported exactly on the rows that prove it."""
+    null_space = _left_null_space(scaled.rows)
+    if null_space.shape[1] == 0:
+        return np.zeros(len(scaled.bound))
+    v = _projected(null_space, scaled.bound, scaled.equality)
+    # Once more on the support alone: then no entry of v is a rounded zero, and a v of 1e-9 still has Ĵᵀv = 0.
+    support = scaled.equality | (v > 1e-3 * float(np.abs(v).max()))
+    face = _left_null_space(scaled.rows[support])
+    refined = np.zeros_like(v)
+    refined[support] = face @ (face.T @ scaled.bound[support])
+    difference = float(np.abs(refined - v).max())
+    is_valid = (refined[~scaled.equality] >= 0.0).all() and difference <= 1e-6 * float(np.abs(v).max()) + 1e-12
+    return refined if is_valid else v
+
+
+def _left_null_space(rows: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p f"]:
+    """Orthonormal N with rowsᵀN = 0, to RANK_TOLERANCE."""
+    count, n = rows.shape
+    if count == 0:
+        return np.zeros((0, 0))
+    if n > 2 * count:  # the singular vectors on the left survive a rotation of the right
+        rows = np.linalg.qr(rows.T, mode="r").T
+    left, values, _ = np.linalg.svd(rows, full_matrices=True)
+    return left[:, int((values > RANK_TOLERANCE).sum()) :]
+
+
+def _projected(
+    null_space: Float[np.ndarray, "p f"], bound: Float[np.ndarray, "p"], equality: Float[np.ndarray, "p"]
+) -> Float[np.ndarray, "p"]:
+    """N Nᵀ(b + s), s ≥ 0 on I and 0 on E, of least length."""
+    from scipy.optimize import nnls
+
+    target = null_space.T @ bound
+    surplus = np.zeros_like(bound)
+    if not equality.all():
+        try:
+            surplus[~equality], _ = nnls(null_space[~equality].T, -target)
+        except RuntimeError:  # its iteration limit: no proof, so no claim
+            return np.zeros_like(bound)
+    return null_space @ (target + null_space.T @ surplus)
+
+
+def _nearest(scaled: ScaledProblem, violation: Float[np.ndarray, "p"]) -> Vector:
+    """argmin ‖d − g‖ s.t. Ĵd ≥ b̂ − v, = on E and where v > 0; in units of s."""
+    relaxed = replace(scaled, bound=scaled.bound - violation, equality=scaled.equality | (violation > 0.0))
+    reduced, basis = reduce_problem(relaxed)
+    answer = least_distance(reduced)
+    if answer.point is None or answer.multipliers is None:
+        return np.linalg.lstsq(relaxed.rows, relaxed.bound, rcond=RANK_TOLERANCE)[0]
+    d = relaxed.gradient + basis @ (answer.point - reduced.center)
+    polished = [project_onto_face(relaxed, face)[0] for face in faces(relaxed, d, answer.multipliers)]
+    return min([*polished, d], key=lambda candidate: float(relaxed.violation(candidate).max(initial=0.0)))

@@ -1,0 +1,146 @@
+"""The scaled problem and its reduction to at most m + 1 coordinates, in which every QP back end works.
+
+With Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖ and s = max(‖g‖, (b̂ᵢ)₊ on I, |b̂ᵢ| on E) the problem is s times
+
+    min ½‖d − g/s‖²   s.t.   Ĵᵢd ≥ b̂ᵢ/s (i ∈ I),   Ĵᵢd = b̂ᵢ/s (i ∈ E)
+
+and both g and every row live in the columns of Q from [Ĵᵀ g/s] = Q R (pivoted, cut at its numerical rank), so that
+d = g/s + Q (x − Qᵀg/s) with x the solution in coordinates. No Gram matrix is formed: it would square the angle
+between rows. Source: Golub & Van Loan, Matrix Computations, §5.4.2 (rank-revealing QR).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..arrays import Jacobian, Mask, Multipliers, Vector
+from ..direction import Status
+from ..problem import DirectionProblem, UnitRows, lengths, unit_rows
+
+# Directions that carry less than this of the unit rows are rounding: duplicate rows stay exactly dependent.
+COORDINATE_TOLERANCE = 1e-13
+# A row whose bound is below −2 (in units of s) cannot bind when all bounds are ≤ 0, since then ‖d‖ ≤ ‖g‖ ≤ s.
+NEGLIGIBLE_BOUND = -2.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledProblem:
+    """A direction problem in units of `scale`, on those of its rows that are switched on and not zero.
+
+    gradient: (n,) g/s; rows: (p, n) Ĵ; bound: (p,) b̂/s; equality: (p,); kept: (m,) which rows these are.
+    scale: s, in units of the gradient; impossible: (m,) zero rows that ask for what no direction gives.
+    """
+
+    problem: DirectionProblem
+    gradient: Vector
+    rows: Float[np.ndarray, "p n"]
+    bound: Float[np.ndarray, "p"]
+    equality: Bool[np.ndarray, "p"]
+    kept: Mask
+    impossible: Mask
+    scale: float
+    unit: UnitRows
+
+    def rescaled(self, factor: float) -> "ScaledProblem":
+        """The same problem in units `factor` times as large."""
+        return replace(self, gradient=self.gradient / factor, bound=self.bound / factor, scale=self.scale * factor)
+
+    def restricted(self, rows: Bool[np.ndarray, "p"]) -> "ScaledProblem":
+        """The same problem on some of its rows."""
+        kept = self.kept.copy()
+        kept[kept] = rows
+        return replace(self, rows=self.rows[rows], bound=self.bound[rows], equality=self.equality[rows], kept=kept)
+
+    def relevant_rows(self) -> Bool[np.ndarray, "p"]:
+        """Equalities, and inequalities whose bound is not too negative to matter."""
+        return self.equality | (self.bound > NEGLIGIBLE_BOUND)
+
+    def violation(self, d: Vector) -> Float[np.ndarray, "p"]:
+        """(b̂ − Ĵd)₊ on I and |b̂ − Ĵd| on E, in units of s."""
+        lack = self.bound - self.rows @ d
+        return np.where(self.equality, np.abs(lack), np.maximum(lack, 0.0))
+
+    def original_multipliers(self, multipliers: Float[np.ndarray, "p"]) -> Multipliers:
+        """μᵢ = μ̂ᵢ s / ‖Jᵢ‖ on the kept rows, 0 elsewhere; (m,). The quotient first, so that 1e±170 passes."""
+        answer = np.zeros(self.problem.m)
+        kept = self.kept
+        with np.errstate(over="ignore", under="ignore"):
+            ratio = self.scale / self.unit.largest[kept] / self.unit.relative[kept]
+            answer[kept] = np.where(multipliers == 0.0, 0.0, multipliers * ratio)
+        return answer
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedProblem:
+    """min ½‖x − c‖² s.t. Aᵢx ≥ bᵢ, Aᵢx = bᵢ where `equality`; all that a back end sees.
+
+    center c: (k,), k ≤ min(n, m + 1); rows A: (p, k) of length 1; bound b: (p,); equality: (p,).
+    """
+
+    center: Float[np.ndarray, "k"]
+    rows: Float[np.ndarray, "p k"]
+    bound: Float[np.ndarray, "p"]
+    equality: Bool[np.ndarray, "p"]
+
+
+@dataclass(frozen=True, eq=False)
+class BackEndAnswer:
+    """What a back end says: x (k,), μ (p,) ≥ 0 on inequalities, iterations; `failure` is its own raw verdict.
+
+    INFEASIBLE as failure is a claim that is checked; point and multipliers are None where it has none.
+    """
+
+    point: Float[np.ndarray, "k"] | None
+    multipliers: Float[np.ndarray, "p"] | None
+    iterations: int = 0
+    failure: Status | None = None
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether there is a point with multipliers, all finite."""
+        if self.point is None or self.multipliers is None:
+            return False
+        return bool(np.isfinite(self.point).all() and np.isfinite(self.multipliers).all())
+
+
+BackEnd = Callable[[ReducedProblem], BackEndAnswer]
+
+
+def scale_problem(problem: DirectionProblem) -> ScaledProblem:
+    """The problem in its own units; scale 0 where g and all demands vanish, infinite where they overflow."""
+    unit = unit_rows(problem.jacobian)
+    bound = unit.per_length(problem.bound)
+    is_zero = unit.largest == 0.0
+    impossible = is_zero & np.where(problem.equality, bound != 0.0, bound > 0.0)
+    kept = ~is_zero & (problem.equality | (bound > -np.inf))
+    equality = problem.equality[kept]
+    bound = bound[kept]
+    demand = np.where(equality, np.abs(bound), bound).max(initial=0.0)
+    scale = max(float(lengths(problem.gradient)), float(demand))
+    divisor = scale if 0.0 < scale < np.inf else 1.0
+    return ScaledProblem(
+        problem,
+        problem.gradient / divisor,
+        unit.jacobian[kept],
+        bound / divisor,
+        equality,
+        kept,
+        impossible,
+        scale,
+        unit,
+    )
+
+
+def reduce_problem(scaled: ScaledProblem) -> tuple[ReducedProblem, Float[np.ndarray, "n k"]]:
+    """The problem in the coordinates of Q (n, k); d = g + Q (x − c)."""
+    from scipy.linalg import qr  # first use only: importing the solvers stays light
+
+    columns = np.vstack([scaled.rows, scaled.gradient]).T
+    Q, R, order = qr(columns, mode="economic", pivoting=True, check_finite=False)
+    rank = int((np.abs(R.diagonal()) > COORDINATE_TOLERANCE).sum())
+    coordinates = np.empty((len(order), rank))
+    coordinates[order] = R[:rank].T
+    reduced = ReducedProblem(coordinates[-1], coordinates[:-1], scaled.bound, scaled.equality)
+    return reduced, Q[:, :rank]

@@ -1,0 +1,65 @@
+"""Rosen's drop rule taken as a cone projection: drop the constraint with the largest positive λᵢ‖Jᵢ‖, recompute.
+
+    d = P_𝒜 g,   λ = (J_𝒜 J_𝒜ᵀ)⁻¹ J_𝒜 g,   𝒜 ← 𝒜 \\ {argmax λᵢ‖Jᵢ‖}   while max λᵢ > 0
+
+A constraint once dropped never comes back, so the answer may violate it: exact for one constraint, wrong in some
+cases from two on, and then UNCERTIFIED. Source: §2.3 of the paper; Rosen 1960.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..arrays import Vector
+from ..direction import Direction, Status
+from ..problem import DirectionProblem
+from .polishing import project_onto_face
+from .preparation import candidate_of, failure, judged, screen
+from .reduction import BackEndAnswer, ScaledProblem, scale_problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosenDrop:
+    """The drop rule, for b = 0; equalities are never dropped.
+
+    tolerance: the worst KKT residual of an OPTIMAL answer. raw_multipliers: compare λᵢ as printed in the paper, so
+    that the choice depends on the lengths of the rows, instead of λᵢ‖Jᵢ‖.
+    """
+
+    tolerance: float = 1e-9
+    raw_multipliers: bool = False
+
+    package: ClassVar[str] = "scipy"
+    source: ClassVar[str] = "Rosen 1960; §2.3 of the paper"
+    guarantee: ClassVar[str] = "none: a heuristic, UNCERTIFIED where it is wrong; b = 0"
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """b = 0, or −inf where a constraint is switched off."""
+        return bool(((problem.bound == 0.0) | (problem.bound == -np.inf)).all())
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The drop rule's direction; OPTIMAL where the referee agrees, else UNCERTIFIED."""
+        if not self.supports(problem):
+            return failure(problem, Status.UNSUPPORTED)
+        scaled = scale_problem(problem)
+        screened = screen(scaled)
+        if screened is not None:
+            return screened
+        d, multipliers, dropped = self._drop(scaled)
+        return judged(
+            problem, candidate_of(scaled, d, multipliers), BackEndAnswer(d, multipliers, dropped), self.tolerance
+        )
+
+    def _drop(self, scaled: ScaledProblem) -> tuple[Vector, Float[np.ndarray, "p"], int]:
+        active: Bool[np.ndarray, "p"] = np.ones(len(scaled.bound), dtype=np.bool_)
+        for dropped in range(len(active) + 1):
+            d, multipliers = project_onto_face(scaled, active, nonnegative=False)
+            harm = np.where(scaled.equality, 0.0, -multipliers)  # λᵢ‖Jᵢ‖
+            if self.raw_multipliers:
+                harm = np.where(scaled.equality, 0.0, -scaled.original_multipliers(multipliers)[scaled.kept])
+            if not (harm > 0.0).any():
+                break
+            active[int(harm.argmax())] = False
+        return d, multipliers, dropped

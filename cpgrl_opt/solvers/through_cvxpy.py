@@ -1,0 +1,139 @@
+"""The problem as CVXPY states it, solved by CLARABEL: an independent modelling path, slow.
+
+minimize ½‖x‖² − cᵀx   subject to   A_I x ≥ b_I,   A_E x = b_E        with A, b, c parameters (DPP)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..direction import Direction, DirectionBatch, Status
+from ..problem import DirectionProblem, ProblemBatch
+from .packages import require_package
+from .preparation import solve_prepared
+from .reduction import BackEndAnswer, ReducedProblem
+
+
+@dataclass(frozen=True, kw_only=True)
+class CVXPY:
+    """A parametrised CVXPY problem behind the shared preparation.
+
+    tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.
+    iteration_limit, time_limit (s): CLARABEL's.
+    """
+
+    tolerance: float = 1e-8
+    polish: bool = True
+    iteration_limit: int = 200
+    time_limit: float = 2.0
+
+    package: ClassVar[str] = "cvxpy"
+    source: ClassVar[str] = "Diamond & Boyd 2016; Agrawal et al. 2019 (DPP)"
+    guarantee: ClassVar[str] = "interior point (CLARABEL), polished; slow"
+
+    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
+        """Equalities, cones and bounds."""
+        return True
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction, compiled for this problem alone; see `Status`. Raises MissingPackageError."""
+        return self.session().solve(problem)
+
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """The directions of many problems, one after the other; each shape is compiled once."""
+        session = self.session()
+        return DirectionBatch.stack([session.solve(problem) for problem in problems])
+
+    def session(self) -> "CVXPYSession":
+        """An object that keeps the compiled problems; no answer depends on the ones before."""
+        require_package("cvxpy", "cvxpy", "solvers")
+        return CVXPYSession(self)
+
+
+class CVXPYSession:
+    """CVXPY problems compiled once per shape (coordinates, inequalities, equalities)."""
+
+    def __init__(self, settings: CVXPY) -> None:
+        self.settings = settings
+        self._compiled: dict[tuple[int, int, int], _Parametrised] = {}
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction; see `Status`."""
+        settings = self.settings
+        return solve_prepared(problem, self._solve_reduced, tolerance=settings.tolerance, polish=settings.polish)
+
+    def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
+        equalities = int(reduced.equality.sum())
+        shape = (len(reduced.center), len(reduced.bound) - equalities, equalities)
+        if shape not in self._compiled:
+            self._compiled[shape] = _Parametrised(*shape)
+        return self._compiled[shape].solve(reduced, self.settings)
+
+
+class _Parametrised:
+    """One CVXPY problem; `solve` fills its parameters."""
+
+    def __init__(self, coordinates: int, inequalities: int, equalities: int) -> None:
+        import cvxpy
+
+        self.x = cvxpy.Variable(coordinates)
+        self.center = cvxpy.Parameter(coordinates)
+        self.parts = []  # (is equality, rows, bound, constraint)
+        for is_equality, count in ((False, inequalities), (True, equalities)):
+            if count > 0:
+                A, b = cvxpy.Parameter((count, coordinates)), cvxpy.Parameter(count)
+                constraint = A @ self.x == b if is_equality else A @ self.x >= b
+                self.parts.append((is_equality, A, b, constraint))
+        objective = 0.5 * cvxpy.sum_squares(self.x) - self.center @ self.x
+        self.problem = cvxpy.Problem(cvxpy.Minimize(objective), [constraint for *_, constraint in self.parts])
+
+    def solve(self, reduced: ReducedProblem, settings: CVXPY) -> BackEndAnswer:
+        """x and μ of CLARABEL, read from the problem's variable and dual variables."""
+        import warnings
+
+        import cvxpy
+
+        self.center.value = reduced.center
+        for is_equality, A, b, _ in self.parts:
+            chosen = reduced.equality == is_equality
+            A.value, b.value = reduced.rows[chosen], reduced.bound[chosen]
+        accuracy = 1e-2 * settings.tolerance
+        try:
+            with warnings.catch_warnings():  # CVXPY warns of inaccurate answers; the referee judges them
+                warnings.simplefilter("ignore")
+                self.problem.solve(
+                    solver=cvxpy.CLARABEL,
+                    warm_start=False,
+                    tol_feas=accuracy,
+                    tol_gap_abs=accuracy,
+                    tol_gap_rel=accuracy,
+                    max_iter=settings.iteration_limit,
+                    time_limit=settings.time_limit,
+                    max_threads=1,
+                )
+        except cvxpy.SolverError:
+            return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
+        return self._answer(reduced)
+
+    def _answer(self, reduced: ReducedProblem) -> BackEndAnswer:
+        stats: Any = self.problem.solver_stats
+        iterations = int(stats.num_iters or 0) if stats is not None else 0
+        verdict = _VERDICTS.get(self.problem.status, Status.UNCERTIFIED)
+        if self.x.value is None:
+            return BackEndAnswer(None, None, iterations, verdict or Status.NUMERICAL_ERROR)
+        multipliers = np.zeros(len(reduced.bound))
+        for is_equality, *_, constraint in self.parts:
+            # CVXPY's dual of Ax = b is signed as that of Ax ≤ b.
+            sign = -1.0 if is_equality else 1.0
+            multipliers[reduced.equality == is_equality] = sign * constraint.dual_value
+        return BackEndAnswer(np.array(self.x.value), multipliers, iterations, verdict)
+
+
+_VERDICTS = {
+    "optimal": None,
+    "infeasible": Status.INFEASIBLE,
+    "infeasible_inaccurate": Status.INFEASIBLE,
+    "user_limit": Status.ITERATION_LIMIT,
+}

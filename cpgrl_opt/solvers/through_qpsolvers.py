@@ -1,0 +1,215 @@
+"""QP back ends through qpsolvers, each with its own names for limits, tolerance and silence.
+
+min ½xᵀx − cᵀx   s.t.   −A_I x ≤ −b_I,   A_E x = b_E
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ..direction import Direction, Status
+from ..problem import DirectionProblem
+from .interface import MissingPackageError
+from .packages import has_package
+from .preparation import solve_prepared
+from .reduction import BackEndAnswer, ReducedProblem
+
+
+@dataclass(frozen=True)
+class BackEndFacts:
+    """What one back end of qpsolvers is called, where it comes from, and which options keep it in bounds.
+
+    options(tolerance, iteration limit, time limit in s) → keyword arguments of its solve function.
+    """
+
+    package: str
+    extra: str
+    source: str
+    guarantee: str
+    is_sparse: bool
+    default_iteration_limit: int
+    options: Any
+
+
+def _quadprog(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:  # noqa: ARG001 - it has none
+    return {}
+
+
+def _daqp(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
+    return {
+        "primal_tol": 1e-3 * tolerance,
+        "dual_tol": 1e-3 * tolerance,
+        "iter_limit": iterations,
+        "time_limit": seconds,
+    }
+
+
+def _piqp(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:  # noqa: ARG001 - no time limit
+    return {
+        "eps_abs": 1e-2 * tolerance,
+        "eps_rel": 0.0,
+        "eps_duality_gap_abs": 1e-2 * tolerance,
+        "eps_duality_gap_rel": 0.0,
+        "max_iter": iterations,
+    }
+
+
+def _proxqp(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:  # noqa: ARG001 - no time limit
+    return {"eps_abs": 1e-1 * tolerance, "eps_rel": 0.0, "max_iter": iterations}
+
+
+def _clarabel(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
+    gap = 1e-2 * tolerance
+    return {
+        "tol_feas": gap,
+        "tol_gap_abs": gap,
+        "tol_gap_rel": gap,
+        "max_iter": iterations,
+        "time_limit": seconds,
+        "max_threads": 1,
+    }
+
+
+def _highs(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
+    feasibility = max(1e-10, 1e-2 * tolerance)  # the least that HiGHS takes
+    return {
+        "output_flag": False,
+        "primal_feasibility_tolerance": feasibility,
+        "dual_feasibility_tolerance": feasibility,
+        "qp_regularization_value": 0.0,
+        "qp_iteration_limit": iterations,
+        "time_limit": seconds,
+        "threads": 1,
+    }
+
+
+def _scs(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
+    return {
+        "eps_abs": 1e-1 * tolerance,
+        "eps_rel": 0.0,
+        "eps_infeas": 1e-9,
+        "max_iters": iterations,
+        "time_limit_secs": seconds,
+    }
+
+
+BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
+    {
+        "quadprog": BackEndFacts(
+            "quadprog", "gpl", "Goldfarb & Idnani 1983", "exact: dual active set", False, 0, _quadprog
+        ),
+        "daqp": BackEndFacts("daqp", "solvers", "Arnström et al. 2022", "exact: dual active set", False, 1000, _daqp),
+        "piqp": BackEndFacts("piqp", "solvers", "Schwan et al. 2023", "interior point, polished", False, 250, _piqp),
+        "proxqp": BackEndFacts(
+            "proxsuite", "solvers", "Bambade et al. 2022", "augmented Lagrangian, polished", False, 200, _proxqp
+        ),
+        "clarabel": BackEndFacts(
+            "clarabel", "solvers", "Goulart & Chen 2024", "interior point, polished", True, 200, _clarabel
+        ),
+        "highs": BackEndFacts(
+            "highspy", "solvers", "Huangfu & Hall 2018", "primal active set, polished", True, 1000, _highs
+        ),
+        "scs": BackEndFacts("scs", "solvers", "O'Donoghue 2021", "first order (ADMM), polished", True, 20000, _scs),
+    }
+)
+
+
+@dataclass(frozen=True)
+class QPSolversBackend:
+    """One of qpsolvers' back ends on the reduced problem.
+
+    name: a key of BACK_ENDS. tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto
+    the face found. iteration_limit: of the back end, its own kind of iteration (None: the back end's in BACK_ENDS);
+    time_limit: s, where the back end has one; options: further keyword arguments for it, which win.
+    """
+
+    name: str
+    tolerance: float = field(default=1e-8, kw_only=True)
+    polish: bool = field(default=True, kw_only=True)
+    iteration_limit: int | None = field(default=None, kw_only=True)
+    time_limit: float = field(default=2.0, kw_only=True)
+    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}), kw_only=True, hash=False)
+
+    def __post_init__(self) -> None:
+        """A wrong name is refused here, not at the first problem."""
+        if self.name not in BACK_ENDS:
+            raise ValueError(f"name should be one of {', '.join(BACK_ENDS)}; found {self.name!r}")
+
+    @property
+    def package(self) -> str:
+        """The package to import."""
+        return BACK_ENDS[self.name].package
+
+    @property
+    def source(self) -> str:
+        """Where the method comes from."""
+        return BACK_ENDS[self.name].source
+
+    @property
+    def guarantee(self) -> str:
+        """What the method promises."""
+        return BACK_ENDS[self.name].guarantee
+
+    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
+        """Equalities, cones and bounds."""
+        return True
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction; see `Status`. Raises MissingPackageError."""
+        if not (has_package(self.package) and has_package("qpsolvers")):
+            raise MissingPackageError(self.name, self.package, BACK_ENDS[self.name].extra)
+        return solve_prepared(problem, self._solve_reduced, tolerance=self.tolerance, polish=self.polish)
+
+    def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
+        from qpsolvers import ProblemError, SolverError, solve_problem
+
+        facts = BACK_ENDS[self.name]
+        limit = facts.default_iteration_limit if self.iteration_limit is None else self.iteration_limit
+        options = {**facts.options(self.tolerance, limit, self.time_limit), **self.options}
+        try:
+            with warnings.catch_warnings():  # qpsolvers warns of statuses that are handled here
+                warnings.simplefilter("ignore")
+                solution = solve_problem(_qp(reduced, facts.is_sparse), self.name, verbose=False, **options)
+        except (ProblemError, SolverError):  # e.g. quadprog on dependent equalities
+            return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
+        return _answer(reduced, solution)
+
+
+def _qp(reduced: ReducedProblem, is_sparse: bool) -> Any:
+    from qpsolvers import Problem
+    from scipy.sparse import csc_matrix
+
+    matrix = csc_matrix if is_sparse else np.ascontiguousarray
+    equality, inequality = reduced.equality, ~reduced.equality
+    G = h = A = b = None
+    if inequality.any():
+        G, h = matrix(-reduced.rows[inequality]), -reduced.bound[inequality]
+    if equality.any():
+        A, b = matrix(reduced.rows[equality]), reduced.bound[equality]
+    return Problem(matrix(np.eye(len(reduced.center))), -reduced.center, G, h, A, b)
+
+
+def _answer(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
+    """x, μ_I = z and μ_E = −y, since Lagrangians of Ax = b are signed freely."""
+    iterations = _iterations(solution.extras)
+    if solution.x is None:
+        return BackEndAnswer(None, None, iterations, Status.INFEASIBLE)
+    multipliers = np.zeros(len(reduced.bound))
+    for part, sign, values in ((~reduced.equality, 1.0, solution.z), (reduced.equality, -1.0, solution.y)):
+        if values is not None and len(values) == int(part.sum()):
+            multipliers[part] = sign * np.asarray(values, dtype=np.float64)
+    point = np.asarray(solution.x, dtype=np.float64)
+    if point.shape != reduced.center.shape:  # HiGHS without an answer gives an empty one
+        return BackEndAnswer(None, None, iterations, Status.NUMERICAL_ERROR)
+    return BackEndAnswer(point, multipliers, iterations, None if solution.found else Status.UNCERTIFIED)
+
+
+def _iterations(extras: Any) -> int:
+    count = extras.get("iterations", extras.get("iter", 0))
+    info = extras.get("info")
+    count = getattr(info, "iter", count)
+    return int(np.max(count))
