@@ -4,7 +4,7 @@ A rule maps the slack ρ − G and the previous active set to the new one. State
 set that a step returns. Settings are fixed by `functools.partial(violated, margin=0.1)`.
 """
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from .validation import require_nonnegative
 
 
+@runtime_checkable
 class ActiveSetRule(Protocol):
     """(slack, previous active set) → active set; arrays may carry leading axes, one row for each run."""
 

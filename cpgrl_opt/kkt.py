@@ -11,7 +11,7 @@ Nocedal & Wright, Numerical Optimization, Theorem 12.1; here they are sufficient
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from .validation import require_shape
 _EPS = float(np.finfo(np.float64).eps)
 
 
+@runtime_checkable
 class HasValueAndMultipliers(Protocol):
     """All that the referee reads of an answer."""
 
@@ -102,7 +103,7 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     zero_row_proof = (rows.largest == 0) & (y != 0) & _zero_row_impossible(problem, y)
     if zero_row_proof.any():
         return float("inf") if (y[~problem.equality] < 0).any() else 0.0
-    weights = rows.times_length(y, float(np.abs(y).max()) or 1.0)
+    weights = rows.times_length(y / np.abs(y).max(), float(rows.largest.max()) or 1.0)
     weights = weights / np.abs(weights).max()
     switched_on = (problem.bound > -np.inf) & (rows.largest > 0)
     bound = np.where(switched_on, rows.per_length(problem.bound), 0.0)

@@ -11,9 +11,8 @@ from typing import overload
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numpy.typing import ArrayLike
 
-from .arrays import Jacobian, Mask, Multipliers, Vector
+from .arrays import ArrayLike, Jacobian, Mask, Multipliers, Vector
 from .validation import finite_array, mask_array, real_array, require_shape
 
 
@@ -162,8 +161,7 @@ def unit_rows(jacobian: Jacobian) -> UnitRows:
 def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
     """‖v‖₂ along the last axis, by the largest entry first: 1e±170 neither over- nor underflows."""
     _, largest, relative = _largest_first(vectors)
-    product: np.ndarray = largest * relative
-    return product
+    return np.asarray(largest * relative)
 
 
 def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -171,4 +169,4 @@ def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     largest = np.abs(vectors).max(axis=-1, initial=0.0)
     scaled = vectors / np.where(largest > 0, largest, 1.0)[..., None]
     relative = np.where(largest > 0, np.sqrt(np.einsum("...i,...i->...", scaled, scaled)), 1.0)
-    return scaled, largest, relative
+    return scaled, np.asarray(largest), np.asarray(relative)

@@ -7,9 +7,8 @@ of the raw Gram matrix silently drops a row that is 1e-6 of the others.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .arrays import Jacobian, Multipliers, Vector
+from .arrays import ArrayLike, Jacobian, Multipliers, Vector
 from .problem import UnitRows, unit_rows
 from .validation import finite_array, require_shape
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
+from .arrays import ArrayLike
 from .direction import DirectionBatch, DirectionError, Status
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
 from .linearization import Linearization

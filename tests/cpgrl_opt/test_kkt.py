@@ -1,0 +1,109 @@
+"""The referee measures what design says it measures, whatever the scale, and is fooled by none of the known tricks."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import Direction, DirectionProblem, Status, farkas_residual, kkt_residuals
+
+PROBLEM = DirectionProblem([1.0, -2.0], [[0.0, 3.0], [2.0, 0.0]], bound=[0.0, -5.0])
+OPTIMUM = ([1.0, 0.0], [2.0 / 3.0, 0.0])  # g pushed along the first row until it no longer points down
+
+
+def residuals(problem, value, multipliers):
+    return kkt_residuals(problem, Direction(np.array(value), np.array(multipliers), Status.OPTIMAL))
+
+
+def test_the_optimum_has_no_residual():
+    assert residuals(PROBLEM, *OPTIMUM).worst <= 1e-16
+
+
+@pytest.mark.parametrize(
+    ("value", "multipliers", "name", "amount"),
+    [  # σ = max(‖g‖, ‖d‖), ‖g‖ = √5
+        ([1.0, -0.1], [1.9 / 3.0, 0.0], "primal", 0.1 / np.sqrt(5)),
+        ([1.0, 0.0], [0.0, 0.0], "stationarity", 2.0 / np.sqrt(5)),
+        ([1.0, -2.5], [-0.5 / 3.0, 0.0], "dual", 0.5 / np.hypot(1.0, 2.5)),
+        ([1.0, 0.2], [2.2 / 3.0, 0.0], "complementarity", 0.2 / np.sqrt(5)),
+    ],
+)
+def test_each_residual_is_its_formula(value, multipliers, name, amount):
+    found = getattr(residuals(PROBLEM, value, multipliers), name)
+    assert found == pytest.approx(amount, rel=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-170, 1e-12, 1.0, 1e12, 1e170])
+def test_residuals_do_not_depend_on_the_scale_of_gradient_and_jacobian(scale):
+    problem = DirectionProblem(scale * PROBLEM.gradient, scale * PROBLEM.jacobian)
+    value, multipliers = scale * np.array([1.0, -0.1]), np.array([1.9 / 3.0, 0.0])
+    reference = residuals(DirectionProblem(PROBLEM.gradient, PROBLEM.jacobian), value / scale, multipliers)
+    found = residuals(problem, value, multipliers)
+    assert found.primal == pytest.approx(reference.primal, rel=1e-12)
+    assert found.worst == pytest.approx(reference.worst, rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1e-12, 1e12])
+def test_residuals_do_not_depend_on_the_length_of_a_row(factor):
+    lengths = np.array([factor, 1.0])
+    problem = DirectionProblem(PROBLEM.gradient, lengths[:, None] * PROBLEM.jacobian, lengths * PROBLEM.bound)
+    found = residuals(problem, [1.0, -0.1], np.array([1.9 / 3.0, 0.0]) / lengths)
+    assert found.primal == pytest.approx(0.1 / np.sqrt(5), rel=1e-12)
+
+
+def test_a_huge_slack_bound_does_not_hide_a_violation():
+    problem = DirectionProblem([1.0, -2.0], [[0.0, 1.0], [1.0, 0.0]], bound=[0.0, -1e12])
+    assert residuals(problem, [1.0, -2.0], [0.0, 0.0]).primal > 0.5
+
+
+def test_huge_multipliers_of_opposing_rows_do_not_hide_a_wrong_direction():
+    problem = DirectionProblem([1.0, -2.0], [[0.0, 1.0], [0.0, -1.0]])
+    assert residuals(problem, [0.5, 0.0], [1e15 + 2, 1e15]).stationarity > 0.1
+
+
+def test_an_equality_may_have_a_multiplier_of_either_sign():
+    problem = DirectionProblem([1.0, 2.0], [[0.0, 1.0]], equality=True)
+    assert residuals(problem, [1.0, 0.0], [-2.0]).worst <= 1e-16
+    assert residuals(problem, [1.0, 0.5], [-1.5]).primal == pytest.approx(0.5 / np.sqrt(5))
+
+
+def test_not_finite_is_infinitely_wrong():
+    assert residuals(PROBLEM, [np.nan, 0.0], [0.0, 0.0]).worst == np.inf
+    assert residuals(PROBLEM, [1.0, 0.0], [np.inf, 0.0]).worst == np.inf
+
+
+def test_nothing_to_climb_and_nothing_violated_is_optimal_at_zero():
+    jacobian = [[1.0, 0.0]]
+    assert residuals(DirectionProblem([0.0, 0.0], jacobian), [0.0, 0.0], [0.0]).worst == 0.0
+    assert residuals(DirectionProblem([0.0, 0.0], jacobian, bound=1.0), [0.0, 0.0], [0.0]).primal == np.inf
+
+
+def test_a_zero_row_that_asks_for_more_than_zero_is_violated():
+    problem = DirectionProblem([1.0, 0.0], [[0.0, 0.0]], bound=1e-3)
+    assert residuals(problem, [1.0, 0.0], [0.0]).primal == np.inf
+    assert residuals(DirectionProblem([1.0, 0.0], [[0.0, 0.0]], bound=-1.0), [1.0, 0.0], [0.0]).worst == 0.0
+
+
+def test_wrong_shapes_are_refused():
+    with pytest.raises(ValueError, match=r"direction.value should have shape \(2,\); found \(3,\)"):
+        residuals(PROBLEM, [1.0, 0.0, 0.0], [0.0, 0.0])
+
+
+def test_a_farkas_vector_is_told_from_one_that_proves_nothing():
+    opposing = DirectionProblem([1.0, 0.0], [[2.0, 0.0], [-1.0, 0.0]], bound=[1.0, 1.0])
+    assert farkas_residual(opposing, np.array([1.0, 2.0])) <= 1e-16
+    assert farkas_residual(opposing, np.array([1e-200, 2e-200])) <= 1e-16
+    assert farkas_residual(opposing, np.array([1.0, 1.0])) > 0.1
+    assert farkas_residual(opposing, np.array([-1.0, -2.0])) == np.inf
+    assert farkas_residual(opposing, np.zeros(2)) == np.inf
+    impossible = DirectionProblem([1.0, 0.0], [[0.0, 0.0], [1.0, 0.0]], bound=[1.0, 0.0])
+    assert farkas_residual(impossible, np.array([1.0, 0.0])) == 0.0
+
+
+@pytest.mark.parametrize("status", list(Status))
+def test_only_optimal_passes_and_every_status_advises(status):
+    direction = Direction(np.zeros(2), np.zeros(2), status)
+    if status is Status.OPTIMAL:
+        direction.raise_for_status()
+    else:
+        with pytest.raises(RuntimeError, match=status.name):
+            direction.raise_for_status()
+    assert len(status.advice) > 20
