@@ -240,7 +240,11 @@ def test_every_exact_solver_gives_the_same_step(name):
 def test_an_observer_sees_every_subproblem_with_its_answer():
     seen = []
     step = plain(solver=SOLVERS["active-set"])
-    step(random_linearization(2, runs=(4,)), np.zeros(3), observe=lambda problems, answers: seen.append((problems, answers)))
+    step(
+        random_linearization(2, runs=(4,)),
+        np.zeros(3),
+        observe=lambda problems, answers: seen.append((problems, answers)),
+    )
     problems, answers = seen[0]
     assert len(seen) == 1
     assert len(problems) == len(answers) == 8
@@ -256,7 +260,7 @@ def test_an_observer_sees_every_subproblem_with_its_answer():
         ({"on_failure": "ignore"}, "on_failure should be one of"),
         ({"step_size": -1.0}, "step_size should be a number ≥ 0; found -1.0"),
         ({"ridge": np.nan}, "ridge should be a number ≥ 0; found nan"),
-        ({"max_restoration": "big"}, "max_restoration should be a number ≥ 0; found 'big'"),
+        ({"max_restoration": -1.0}, "max_restoration should be a number ≥ 0; found -1.0"),
         ({"formulation": "restoring", "step_size": 0.0}, "step_size should be > 0"),
     ],
 )
