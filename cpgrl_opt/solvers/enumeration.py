@@ -73,7 +73,8 @@ def _independent_equalities(reduced: ReducedProblem) -> Int[np.ndarray, "e"]:
         return index
     R, order = qr(reduced.rows[index].T, mode="r", pivoting=True, check_finite=False)
     rank = int((np.abs(R.diagonal()) > RANK_TOLERANCE).sum())
-    return index[np.sort(order[:rank])]
+    spanning: np.ndarray = index[np.sort(order[:rank])]
+    return spanning
 
 
 def _face_projections(
@@ -101,4 +102,5 @@ def _errors(
     lack = np.where(reduced.equality, np.abs(lack), lack)
     negative = np.where(reduced.equality, 0.0, -multipliers)
     size = np.maximum(1.0, np.sqrt(np.einsum("sk,sk->s", points, points)))
-    return np.maximum(np.maximum(lack, negative).max(axis=1, initial=0.0), 0.0) / size
+    errors: np.ndarray = np.maximum(lack, negative).max(axis=1, initial=0.0) / size
+    return errors

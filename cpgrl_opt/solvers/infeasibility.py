@@ -1,6 +1,7 @@
 """Proof of infeasibility, and the direction that violates the constraints least.
 
-    v = argmin ‖v‖  s.t.  Ĵd + v ≥ b̂ (I), Ĵd + v = b̂ (E) for some d     =  projection of b̂ onto {y : Ĵᵀy = 0, y ≥ 0 on I}
+    v = argmin ‖v‖  s.t.  Ĵd + v ≥ b̂ (I), Ĵd + v = b̂ (E) for some d
+      = projection of b̂ onto {y : Ĵᵀy = 0, y ≥ 0 on I}
 
 so v ≠ 0 is a Farkas vector itself: Ĵᵀv = 0, v ≥ 0, b̂ᵀv = ‖v‖² > 0. With N an orthonormal basis of {y : Ĵᵀy = 0},
 decided at RANK_TOLERANCE, v = N Nᵀ(b̂ + s), s = argmin_{s ≥ 0} ‖Nᵀ(b̂ + s)‖: a nonnegative least-squares problem.
@@ -19,18 +20,22 @@ from ..kkt import farkas_residual
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
 from .least_distance import least_distance
-from .polishing import faces, project_onto_face
+from .polishing import polished
 from .reduction import ScaledProblem, reduce_problem, scale_problem
 
 # ‖v‖ in units of s above which a problem is infeasible; below it, bounds that should agree differ by rounding.
 VIOLATION_TOLERANCE = 1e-9
 # v = 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
 _FARKAS_TOLERANCE = 1e-6
+# Entries of v below this part of its largest are zeros that were rounded; tried in turn.
+_SUPPORT_CUTS = (1e-3, 1e-6, 1e-9)
+# Error of a computed null vector, times the least singular value that it is separated by.
+_NOISE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
 class LeastViolation:
-    """direction: (n,) the least-violation direction nearest to g; proof: (m,) Farkas vector; size: ‖v‖ in units of s."""
+    """direction: (n,), violates least and is nearest to g; proof: (m,), a Farkas vector; size: ‖v‖ in units of s."""
 
     direction: Vector
     proof: Multipliers
@@ -77,30 +82,37 @@ def _least_violation(scaled: ScaledProblem) -> tuple[ScaledProblem, Float[np.nda
 
 
 def _violation(scaled: ScaledProblem) -> Float[np.ndarray, "p"]:
-    """v of the module's head, supported exactly on the rows that prove it."""
-    null_space = _left_null_space(scaled.rows)
+    """v of the module's head, supported exactly on the rows that prove it; 0 where rounding could have made it."""
+    null_space, _ = _left_null_space(scaled.rows)
     if null_space.shape[1] == 0:
         return np.zeros(len(scaled.bound))
     v = _projected(null_space, scaled.bound, scaled.equality)
-    # Once more on the support alone: then no entry of v is a rounded zero, and a v of 1e-9 still has Ĵᵀv = 0.
-    support = scaled.equality | (v > 1e-3 * float(np.abs(v).max()))
-    face = _left_null_space(scaled.rows[support])
-    refined = np.zeros_like(v)
-    refined[support] = face @ (face.T @ scaled.bound[support])
-    difference = float(np.abs(refined - v).max())
-    is_valid = (refined[~scaled.equality] >= 0.0).all() and difference <= 1e-6 * float(np.abs(v).max()) + 1e-12
-    return refined if is_valid else v
+    for cut in _SUPPORT_CUTS:
+        support = np.abs(v) > cut * float(np.abs(v).max())
+        # Once more on the support alone: then no entry of v is a rounded zero, and a v of 1e-9 still has Ĵᵀv = 0.
+        face, separation = _left_null_space(scaled.rows[support])
+        refined = np.zeros_like(v)
+        refined[support] = face @ (face.T @ scaled.bound[support])
+        size = float(np.sqrt(refined @ refined))
+        noise = _NOISE / separation * float(np.abs(scaled.bound[support]).max(initial=0.0))
+        if size > noise and (refined[~scaled.equality] >= 0.0).all():
+            return refined
+    return np.zeros_like(v)
 
 
-def _left_null_space(rows: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p f"]:
-    """Orthonormal N with rowsᵀN = 0, to RANK_TOLERANCE."""
+def _left_null_space(rows: Float[np.ndarray, "p n"]) -> tuple[Float[np.ndarray, "p f"], float]:
+    """Orthonormal N with rowsᵀN = 0, to RANK_TOLERANCE, and the least singular value that counts."""
     count, n = rows.shape
     if count == 0:
-        return np.zeros((0, 0))
+        return np.zeros((0, 0)), 1.0
     if n > 2 * count:  # the singular vectors on the left survive a rotation of the right
-        rows = np.linalg.qr(rows.T, mode="r").T
+        rows = np.linalg.qr(rows.T)[1].T
     left, values, _ = np.linalg.svd(rows, full_matrices=True)
-    return left[:, int((values > RANK_TOLERANCE).sum()) :]
+    rank = int((values > RANK_TOLERANCE).sum())
+    null_space: np.ndarray = left[:, rank:]
+    # A row that takes part in no dependence has a rounded zero here, of either sign.
+    null_space[np.abs(null_space).max(axis=1, initial=0.0) < _NOISE / values[:rank].min(initial=1.0)] = 0.0
+    return null_space, float(values[:rank].min(initial=1.0))
 
 
 def _projected(
@@ -116,7 +128,8 @@ def _projected(
             surplus[~equality], _ = nnls(null_space[~equality].T, -target)
         except RuntimeError:  # its iteration limit: no proof, so no claim
             return np.zeros_like(bound)
-    return null_space @ (target + null_space.T @ surplus)
+    v: np.ndarray = null_space @ (target + null_space.T @ surplus)
+    return v
 
 
 def _nearest(scaled: ScaledProblem, violation: Float[np.ndarray, "p"]) -> Vector:
@@ -125,7 +138,8 @@ def _nearest(scaled: ScaledProblem, violation: Float[np.ndarray, "p"]) -> Vector
     reduced, basis = reduce_problem(relaxed)
     answer = least_distance(reduced)
     if answer.point is None or answer.multipliers is None:
-        return np.linalg.lstsq(relaxed.rows, relaxed.bound, rcond=RANK_TOLERANCE)[0]
+        fallback: Vector = np.linalg.lstsq(relaxed.rows, relaxed.bound, rcond=RANK_TOLERANCE)[0]
+        return fallback
     d = relaxed.gradient + basis @ (answer.point - reduced.center)
-    polished = [project_onto_face(relaxed, face)[0] for face in faces(relaxed, d, answer.multipliers)]
-    return min([*polished, d], key=lambda candidate: float(relaxed.violation(candidate).max(initial=0.0)))
+    candidates = [point for point, _ in polished(relaxed, d, answer.multipliers)]
+    return min([*candidates, d], key=lambda candidate: float(relaxed.violation(candidate).max(initial=0.0)))

@@ -55,7 +55,8 @@ class _Elimination:
 
     def multipliers(self, gap: Float[np.ndarray, "k"]) -> Float[np.ndarray, "e"]:
         """The least-norm λ with A_Eᵀλ nearest to the gap."""
-        return gap @ self.pseudo_inverse
+        weights: np.ndarray = gap @ self.pseudo_inverse
+        return weights
 
 
 def _eliminate(reduced: ReducedProblem) -> _Elimination:
@@ -63,7 +64,9 @@ def _eliminate(reduced: ReducedProblem) -> _Elimination:
     left, values, right = np.linalg.svd(A, full_matrices=True)
     rank = int((values > RANK_TOLERANCE).sum())
     pseudo_inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
-    point = c + pseudo_inverse @ (b - A @ c)
+    point = c
+    for _ in range(3):  # nearly dependent rows cost the first pass half its digits
+        point = point + pseudo_inverse @ (b - A @ point)
     error = np.abs(A @ point - b).max(initial=0.0)
     allowed = 1e-12 * max(1.0, float(np.abs(point).max(initial=0.0)))
     return _Elimination(point, right[rank:].T, pseudo_inverse, bool(error <= allowed))

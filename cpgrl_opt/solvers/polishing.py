@@ -6,6 +6,8 @@ A first-order method finds 𝒜 long before it finds twelve digits of d. The row
 so that d keeps all its digits where g + Jᵀμ would cancel. Source: Stellato et al. 2020, OSQP, §5.3 (the idea).
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -13,16 +15,30 @@ from ..arrays import Vector
 from ..projection import RANK_TOLERANCE
 from .reduction import ScaledProblem
 
-# A row within this of its bound, in units of s, may belong to the face whatever multiplier a back end reports.
+# A row within this of its bound, in units of s, may belong to the face or not: no back end is surer than that.
 _NEARLY_TIGHT = 1e-6
+_MOST_FACES = 4
 
 
-def faces(scaled: ScaledProblem, d: Vector, multipliers: Float[np.ndarray, "p"]) -> list[Bool[np.ndarray, "p"]]:
-    """Candidates for 𝒜, the likeliest first: rows whose multiplier outweighs their slack; rows that are tight."""
+def polished(
+    scaled: ScaledProblem, d: Vector, multipliers: Float[np.ndarray, "p"]
+) -> Iterator[tuple[Vector, Float[np.ndarray, "p"]]]:
+    """(d, μ) on the face that a back end's answer names, then with its undecided rows corrected, a few times.
+
+    A row is active where its multiplier outweighs its slack; undecided where it is nearly tight. Undecided rows
+    leave with a negative multiplier and enter when violated.
+    """
     slack = scaled.rows @ d - scaled.bound
-    outweighing = scaled.equality | (multipliers > np.maximum(slack, 0.0))
-    tight = scaled.equality | (slack <= _NEARLY_TIGHT * max(1.0, float(np.abs(d).max())))
-    return [outweighing] if (outweighing == tight).all() else [outweighing, tight]
+    undecided = ~scaled.equality & (slack <= _NEARLY_TIGHT * max(1.0, float(np.abs(d).max())))
+    face = scaled.equality | (multipliers > np.maximum(slack, 0.0))
+    for _ in range(_MOST_FACES):
+        point, weights = project_onto_face(scaled, face)
+        yield point, weights
+        leaving = face & undecided & (weights < 0.0)
+        entering = ~face & undecided & (scaled.rows @ point < scaled.bound)
+        if not (leaving | entering).any():
+            return
+        face = (face & ~leaving) | entering
 
 
 def project_onto_face(

@@ -15,13 +15,15 @@ from ..direction import Direction, Status
 from ..kkt import KKTResiduals, kkt_residuals
 from ..problem import DirectionProblem
 from .infeasibility import infeasible_direction
-from .polishing import faces, project_onto_face
+from .polishing import polished
 from .reduction import BackEnd, BackEndAnswer, ScaledProblem, reduce_problem, scale_problem
 
 # A polished answer is this good; there is nothing to gain from comparing it with the back end's own.
 _EXACT = 1e-13
 # Feasible problems are met to rounding after polishing; a certified answer that is not may be weakly infeasible.
 _SUSPICIOUS_VIOLATION = 1e-10
+# In units of s: tried where the first attempt fails on a feasible problem.
+_LARGER_UNITS = (1e3, 1e6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,32 +39,40 @@ class Candidate:
         return Direction(self.value, self.multipliers, status, iterations)
 
 
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What came of one call of a back end: its answer, and the best candidate made of it (None without a point)."""
+
+    answer: BackEndAnswer
+    candidate: Candidate | None
+
+    @property
+    def worst(self) -> float:
+        """The candidate's worst residual."""
+        return np.inf if self.candidate is None else self.candidate.residuals.worst
+
+
 def solve_prepared(problem: DirectionProblem, back_end: BackEnd, *, tolerance: float, polish: bool = True) -> Direction:
     """The direction that `back_end` finds behind the shared preparation, with an honest status."""
     scaled = scale_problem(problem)
     screened = screen(scaled)
     if screened is not None:
         return screened
-    scaled, answer, d, multipliers = _solve_relevant_rows(scaled, back_end)
-    if not answer.is_usable:
-        return infeasible_direction(problem, answer.iterations) or _without_answer(problem, answer)
-    best = _best_candidate(scaled, d, multipliers, tolerance if polish else None)
-    return judged(problem, best, answer, tolerance)
+    attempt = _attempt(scaled, back_end, polish)
+    infeasible = _infeasible(problem, attempt, tolerance)
+    if infeasible is not None:
+        return infeasible
+    for factor in _larger_units(scaled):
+        if attempt.worst <= tolerance:
+            break
+        attempt = min(attempt, _attempt(scaled.rescaled(factor), back_end, polish), key=lambda each: each.worst)
+    return _claimed(problem, attempt, tolerance)
 
 
-def judged(problem: DirectionProblem, candidate: Candidate, answer: BackEndAnswer, tolerance: float) -> Direction:
-    """OPTIMAL within the tolerance, INFEASIBLE where that is proven, else the back end's failure or UNCERTIFIED."""
-    certified = candidate.residuals.worst <= tolerance
-    if not certified or candidate.residuals.primal > _SUSPICIOUS_VIOLATION:
-        infeasible = infeasible_direction(problem, answer.iterations)
-        if infeasible is not None:
-            return infeasible
-    if certified:
-        return candidate.claimed(Status.OPTIMAL, answer.iterations)
-    if not np.isfinite(candidate.residuals.worst) or answer.failure == Status.NUMERICAL_ERROR:
-        return failure(problem, Status.NUMERICAL_ERROR, answer.iterations)
-    is_limit = answer.failure == Status.ITERATION_LIMIT
-    return candidate.claimed(Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED, answer.iterations)
+def judged(problem: DirectionProblem, candidate: Candidate, tolerance: float, iterations: int) -> Direction:
+    """OPTIMAL within the tolerance, INFEASIBLE where that is proven, else UNCERTIFIED."""
+    attempt = Attempt(BackEndAnswer(None, None, iterations), candidate)
+    return _infeasible(problem, attempt, tolerance) or _claimed(problem, attempt, tolerance)
 
 
 def failure(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
@@ -113,18 +123,40 @@ def _solve_relevant_rows(
         scaled = scaled.rescaled(max(1.0, float(np.sqrt(d @ d))))
 
 
-def _best_candidate(scaled: ScaledProblem, d: Vector, multipliers: np.ndarray, polish_to: float | None) -> Candidate:
-    """The polished answer that the referee likes best, or the back end's own where that is better."""
+def _attempt(scaled: ScaledProblem, back_end: BackEnd, polish: bool) -> Attempt:
+    """One call of the back end; of its own and the polished answers the one that the referee likes best."""
+    scaled, answer, d, multipliers = _solve_relevant_rows(scaled, back_end)
+    if not answer.is_usable:
+        return Attempt(answer, None)
     candidates: list[Candidate] = []
-    for face in faces(scaled, d, multipliers) if polish_to is not None else []:
-        candidates.append(candidate_of(scaled, *project_onto_face(scaled, face)))
+    for point, weights in polished(scaled, d, multipliers) if polish else ():
+        candidates.append(candidate_of(scaled, point, weights))
         if candidates[-1].residuals.worst <= _EXACT:
-            return candidates[-1]
+            return Attempt(answer, candidates[-1])
     candidates.append(candidate_of(scaled, d, multipliers))
-    return min(candidates, key=lambda candidate: candidate.residuals.worst)
+    return Attempt(answer, min(candidates, key=lambda candidate: candidate.residuals.worst))
 
 
-def _without_answer(problem: DirectionProblem, answer: BackEndAnswer) -> Direction:
-    """Zeros with the status that fits a back end without a usable point."""
+def _larger_units(scaled: ScaledProblem) -> tuple[float, ...]:
+    """Rows that oppose each other and ask for something push d far beyond s, out of a back end's sight."""
+    asks = np.where(scaled.equality, scaled.bound != 0.0, scaled.bound > 0.0)
+    return _LARGER_UNITS if asks.any() else ()
+
+
+def _infeasible(problem: DirectionProblem, attempt: Attempt, tolerance: float) -> Direction | None:
+    """The proof of infeasibility, looked for where an answer is rejected or violates more than rounding does."""
+    if attempt.candidate is not None and attempt.worst <= tolerance:
+        if attempt.candidate.residuals.primal <= _SUSPICIOUS_VIOLATION:
+            return None
+    return infeasible_direction(problem, attempt.answer.iterations)
+
+
+def _claimed(problem: DirectionProblem, attempt: Attempt, tolerance: float) -> Direction:
+    """OPTIMAL within the tolerance, else what the back end says of its failure."""
+    answer, candidate = attempt.answer, attempt.candidate
+    if candidate is not None and attempt.worst <= tolerance:
+        return candidate.claimed(Status.OPTIMAL, answer.iterations)
     is_limit = answer.failure == Status.ITERATION_LIMIT
-    return failure(problem, Status.ITERATION_LIMIT if is_limit else Status.NUMERICAL_ERROR, answer.iterations)
+    if candidate is None or not np.isfinite(attempt.worst):
+        return failure(problem, Status.ITERATION_LIMIT if is_limit else Status.NUMERICAL_ERROR, answer.iterations)
+    return candidate.claimed(Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED, answer.iterations)

@@ -60,7 +60,8 @@ class ScaledProblem:
     def violation(self, d: Vector) -> Float[np.ndarray, "p"]:
         """(b̂ − Ĵd)₊ on I and |b̂ − Ĵd| on E, in units of s."""
         lack = self.bound - self.rows @ d
-        return np.where(self.equality, np.abs(lack), np.maximum(lack, 0.0))
+        amount: np.ndarray = np.where(self.equality, np.abs(lack), np.maximum(lack, 0.0))
+        return amount
 
     def original_multipliers(self, multipliers: Float[np.ndarray, "p"]) -> Multipliers:
         """μᵢ = μ̂ᵢ s / ‖Jᵢ‖ on the kept rows, 0 elsewhere; (m,). The quotient first, so that 1e±170 passes."""

@@ -12,7 +12,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .polishing import project_onto_face
 from .preparation import candidate_of, failure, judged, screen
-from .reduction import BackEndAnswer, scale_problem
+from .reduction import scale_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,4 +41,4 @@ class Rosen:
         if screened is not None:
             return screened
         d, multipliers = project_onto_face(scaled, scaled.equality)
-        return judged(problem, candidate_of(scaled, d, multipliers), BackEndAnswer(d, multipliers, 1), self.tolerance)
+        return judged(problem, candidate_of(scaled, d, multipliers), self.tolerance, 1)

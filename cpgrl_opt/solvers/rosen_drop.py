@@ -1,6 +1,6 @@
-"""Rosen's drop rule taken as a cone projection: drop the constraint with the largest positive λᵢ‖Jᵢ‖, recompute.
+r"""Rosen's drop rule taken as a cone projection: drop the constraint with the largest positive λᵢ‖Jᵢ‖, recompute.
 
-    d = P_𝒜 g,   λ = (J_𝒜 J_𝒜ᵀ)⁻¹ J_𝒜 g,   𝒜 ← 𝒜 \\ {argmax λᵢ‖Jᵢ‖}   while max λᵢ > 0
+    d = P_𝒜 g,   λ = (J_𝒜 J_𝒜ᵀ)⁻¹ J_𝒜 g,   𝒜 ← 𝒜 \ {argmax λᵢ‖Jᵢ‖}   while max λᵢ > 0
 
 A constraint once dropped never comes back, so the answer may violate it: exact for one constraint, wrong in some
 cases from two on, and then UNCERTIFIED. Source: §2.3 of the paper; Rosen 1960.
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..arrays import Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .polishing import project_onto_face
 from .preparation import candidate_of, failure, judged, screen
-from .reduction import BackEndAnswer, ScaledProblem, scale_problem
+from .reduction import ScaledProblem, scale_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,18 +48,17 @@ class RosenDrop:
         if screened is not None:
             return screened
         d, multipliers, dropped = self._drop(scaled)
-        return judged(
-            problem, candidate_of(scaled, d, multipliers), BackEndAnswer(d, multipliers, dropped), self.tolerance
-        )
+        return judged(problem, candidate_of(scaled, d, multipliers), self.tolerance, dropped)
 
     def _drop(self, scaled: ScaledProblem) -> tuple[Vector, Float[np.ndarray, "p"], int]:
-        active: Bool[np.ndarray, "p"] = np.ones(len(scaled.bound), dtype=np.bool_)
-        for dropped in range(len(active) + 1):
+        """d, μ and how many constraints were dropped."""
+        active = np.ones(len(scaled.bound), dtype=np.bool_)
+        while True:
             d, multipliers = project_onto_face(scaled, active, nonnegative=False)
-            harm = np.where(scaled.equality, 0.0, -multipliers)  # λᵢ‖Jᵢ‖
+            harm = -multipliers  # λᵢ‖Jᵢ‖
             if self.raw_multipliers:
-                harm = np.where(scaled.equality, 0.0, -scaled.original_multipliers(multipliers)[scaled.kept])
+                harm = -scaled.original_multipliers(multipliers)[scaled.kept]
+            harm[scaled.equality] = 0.0
             if not (harm > 0.0).any():
-                break
+                return d, multipliers, int((~active).sum())
             active[int(harm.argmax())] = False
-        return d, multipliers, dropped

@@ -45,6 +45,8 @@ def _daqp(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
         "dual_tol": 1e-3 * tolerance,
         "iter_limit": iterations,
         "time_limit": seconds,
+        "sing_tol": 1e-20,  # rows 1e-9 rad apart are two rows; the default joins what is closer than 1e-5
+        "zero_tol": 1e-14,
     }
 
 
@@ -194,10 +196,10 @@ def _qp(reduced: ReducedProblem, is_sparse: bool) -> Any:
 
 
 def _answer(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
-    """x, μ_I = z and μ_E = −y, since Lagrangians of Ax = b are signed freely."""
-    iterations = _iterations(solution.extras)
-    if solution.x is None:
-        return BackEndAnswer(None, None, iterations, Status.INFEASIBLE)
+    """x, μ_I = z and μ_E = −y: qpsolvers' Lagrangian is that of Gx ≤ h and Ax = b."""
+    verdict, iterations = _verdict(solution), _iterations(solution.extras)
+    if solution.x is None or verdict == Status.INFEASIBLE:
+        return BackEndAnswer(None, None, iterations, verdict)
     multipliers = np.zeros(len(reduced.bound))
     for part, sign, values in ((~reduced.equality, 1.0, solution.z), (reduced.equality, -1.0, solution.y)):
         if values is not None and len(values) == int(part.sum()):
@@ -205,11 +207,24 @@ def _answer(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
     point = np.asarray(solution.x, dtype=np.float64)
     if point.shape != reduced.center.shape:  # HiGHS without an answer gives an empty one
         return BackEndAnswer(None, None, iterations, Status.NUMERICAL_ERROR)
-    return BackEndAnswer(point, multipliers, iterations, None if solution.found else Status.UNCERTIFIED)
+    return BackEndAnswer(point, multipliers, iterations, verdict)
+
+
+def _verdict(solution: Any) -> Status | None:
+    """The back end's own status where qpsolvers passes it on; one without answer or status means infeasible."""
+    if solution.found:
+        return None
+    info = solution.extras.get("info")
+    status = solution.extras.get("status", getattr(info, "status", None))
+    if status is None:
+        return Status.INFEASIBLE if solution.x is None else Status.UNCERTIFIED
+    text = str(status).lower().replace("_", "")  # e.g. PIQP_MAX_ITER_REACHED, MaxIterations, PrimalInfeasible
+    if "infeasible" in text:
+        return Status.INFEASIBLE
+    return Status.ITERATION_LIMIT if "maxiter" in text or "maxtime" in text else Status.UNCERTIFIED
 
 
 def _iterations(extras: Any) -> int:
-    count = extras.get("iterations", extras.get("iter", 0))
-    info = extras.get("info")
-    count = getattr(info, "iter", count)
+    """As the back end counts them; 0 where qpsolvers does not pass them on."""
+    count = extras.get("iterations", extras.get("iter", getattr(extras.get("info"), "iter", 0)))
     return int(np.max(count))
