@@ -1,0 +1,110 @@
+"""A conformance kit for direction solvers: Hypothesis strategies, laws as plain functions, and a verdict.
+
+    >>> from cpgrl_opt import SOLVERS
+    >>> from cpgrl_opt.testing import check_direction_solver
+    >>> check_direction_solver(SOLVERS["enumeration"], max_examples=5).passed
+    True
+
+In a test suite, one item for each solver and law:
+
+    from cpgrl_opt.testing import parametrize_with_checks
+
+    @parametrize_with_checks({"mine": MySolver()}, expected_failures={"mine": {"check_silence": "prints a banner"}})
+    def test_laws(solver, check):
+        check(solver)
+
+or by hand, on any problem: `check_stationarity(solver, problem)` and its siblings raise `LawBroken`.
+"""
+
+try:
+    import hypothesis as _hypothesis
+except ModuleNotFoundError as error:
+    raise ImportError(
+        "cpgrl_opt.testing needs the package hypothesis, which is not installed; "
+        "type: pip install 'cpgrl-opt[testing]'"
+    ) from error
+
+from .conduct import (
+    check_answers_repeat,
+    check_batch_is_loop,
+    check_input_is_unchanged,
+    check_non_finite_is_refused,
+    check_silence,
+)
+from .families import FAMILIES, Family, hostile_problems, well_posed_problems
+from .honesty import (
+    check_claims_are_certified,
+    check_feasible_is_not_called_infeasible,
+    check_infeasible_is_called_infeasible,
+    check_least_violation,
+)
+from .invariance import (
+    check_duplicate_row,
+    check_inactive_row,
+    check_permutation,
+    check_rotation,
+    check_row_scaling,
+    check_scaling,
+)
+from .law import LawBroken, Outcome
+from .laws import LAWS, Law, supported_cases
+from .optimality import (
+    check_agreement_with_enumeration,
+    check_complementarity,
+    check_dual_feasibility,
+    check_gradient_kept_when_feasible,
+    check_primal_feasibility,
+    check_stationarity,
+    check_zero_only_when_optimal,
+)
+from .projection_laws import check_firm_non_expansiveness, check_idempotence, check_non_expansiveness
+from .pytest_items import parametrize_with_checks
+from .sensitivity import distance_bound, hoffman_constant
+from .strategies import Case, direction_problems, infeasible_problems
+from .verdict import CheckResult, Verdict, check_direction_solver
+
+__all__ = [
+    "FAMILIES",
+    "LAWS",
+    "Case",
+    "CheckResult",
+    "Family",
+    "Law",
+    "LawBroken",
+    "Outcome",
+    "Verdict",
+    "check_agreement_with_enumeration",
+    "check_answers_repeat",
+    "check_batch_is_loop",
+    "check_claims_are_certified",
+    "check_complementarity",
+    "check_direction_solver",
+    "check_dual_feasibility",
+    "check_duplicate_row",
+    "check_feasible_is_not_called_infeasible",
+    "check_firm_non_expansiveness",
+    "check_gradient_kept_when_feasible",
+    "check_idempotence",
+    "check_inactive_row",
+    "check_infeasible_is_called_infeasible",
+    "check_input_is_unchanged",
+    "check_least_violation",
+    "check_non_expansiveness",
+    "check_non_finite_is_refused",
+    "check_permutation",
+    "check_primal_feasibility",
+    "check_rotation",
+    "check_row_scaling",
+    "check_scaling",
+    "check_silence",
+    "check_stationarity",
+    "check_zero_only_when_optimal",
+    "direction_problems",
+    "distance_bound",
+    "hoffman_constant",
+    "hostile_problems",
+    "infeasible_problems",
+    "parametrize_with_checks",
+    "supported_cases",
+    "well_posed_problems",
+]

@@ -1,0 +1,202 @@
+"""Laws of conduct: bad input is refused, input stays as it is, answers repeat, nothing is printed, a batch is a loop."""
+
+import ctypes
+import io
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from typing import Any
+
+import numpy as np
+
+from ..direction import Status
+from ..problem import DirectionProblem
+from ..solvers.interface import DirectionSolver, supports, tolerance_of
+from .law import (
+    LawBroken,
+    NothingClaimed,
+    Outcome,
+    answer_of,
+    checked_answer,
+    described,
+    law,
+    length,
+    require_at_most,
+)
+from .sensitivity import distance_bound
+
+_ARRAYS = ("gradient", "jacobian", "bound", "equality")
+
+
+@law
+def check_non_finite_is_refused(
+    solver: DirectionSolver, problem: DirectionProblem, where: str = "gradient", value: float = float("nan")
+) -> None:
+    """NaN or an infinity in g, J or b that got past validation: ValueError, or a status that claims nothing.
+
+    where: "gradient", "jacobian" or "bound"; value: NaN, inf or −inf (−inf in b is valid and skipped).
+    Source: comparisons with NaN are false, so a violated constraint looks met; IEEE 754 §5.11.
+    """
+    array = getattr(problem, where)
+    if not supports(solver, problem) or array.size == 0 or (where == "bound" and value == -np.inf):
+        raise NothingClaimed(Outcome.SKIPPED)
+    forged = writable_copy(problem)
+    getattr(forged, where).flat[0] = value
+    try:
+        status = checked_answer(problem, solver.solve(forged)).status
+    except ValueError:
+        return
+    except LawBroken:
+        raise
+    except Exception as error:
+        raise LawBroken(
+            f"{value} in {where} should raise ValueError; found {type(error).__name__}: {error}{described(forged)}"
+        ) from error
+    if status in (Status.OPTIMAL, Status.INFEASIBLE):
+        raise LawBroken(
+            f"{value} in {where} should raise ValueError; found the status {status.name}. Check the input for what is "
+            f"not finite, or let kkt_residuals judge the answer{described(forged)}"
+        )
+
+
+@law
+def check_input_is_unchanged(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """g, J, b and E are bit for bit the same after solving, even where the arrays are writable.
+
+    Source: the caller's next subproblem shares these arrays.
+    """
+    given = writable_copy(problem)
+    answer_of(solver, given)
+    for name in _ARRAYS:
+        before, after = getattr(problem, name), getattr(given, name)
+        if before.tobytes() != after.tobytes():
+            raise LawBroken(
+                f"solve should leave problem.{name} as it is; found {after.tolist()} where {before.tolist()} was. "
+                f"Work on a copy{described(problem)}"
+            )
+
+
+@law
+def check_answers_repeat(solver: DirectionSolver, problem: DirectionProblem, between: DirectionProblem) -> None:
+    """The same problem gives the same answer bit for bit, whatever was solved in between: no hidden state.
+
+    Source: a function; reproducible training needs it.
+    """
+    first = answer_of(solver, problem)
+    with suppress(NothingClaimed):
+        answer_of(solver, between)
+    again = answer_of(solver, problem)
+    same = (
+        first.status == again.status
+        and first.value.tobytes() == again.value.tobytes()
+        and first.multipliers.tobytes() == again.multipliers.tobytes()
+    )
+    if not same:
+        raise LawBroken(
+            "the same problem should give the same answer after another one was solved in between; found two. Warm "
+            "starts, active sets and random streams that live on between calls should be explicit objects"
+            f"{described(problem, first, again)}"
+        )
+
+
+@law
+def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """Nothing on stdout or stderr, from Python or from C, and no warning that Python shows by default.
+
+    Source: ten thousand subproblems a run; output belongs to the caller.
+    """
+    with _overheard() as noise:
+        answer_of(solver, problem)
+    if noise:
+        raise LawBroken(
+            f"solve should print nothing; found {''.join(noise)[:300]!r}. Switch output off through the back end's own "
+            f"options{described(problem)}"
+        )
+
+
+@law
+def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> None:
+    """solve_batch(problems)[k] has the status and, where OPTIMAL, the direction of solve(problems[k]).
+
+    ‖Δd‖ ≤ 2 · `distance_bound`(ε). Skipped for a solver without solve_batch. Source: runs are independent.
+    """
+    batch: Any = getattr(solver, "solve_batch", None)
+    if batch is None or not all(supports(solver, problem) for problem in problems):
+        raise NothingClaimed(Outcome.SKIPPED)
+    together = batch(problems)
+    if len(together) != len(problems):
+        raise LawBroken(f"solve_batch should return {len(problems)} directions; found {len(together)}")
+    for k, problem in enumerate(problems):
+        alone, member = answer_of(solver, problem), checked_answer(problem, together[k])
+        if alone.status != member.status:
+            raise LawBroken(
+                f"solve_batch(problems)[{k}] should have the status {alone.status.name} that solve(problems[{k}]) has; "
+                f"found {member.status.name}{described(problem, alone, member)}"
+            )
+        if alone.status == Status.OPTIMAL:
+            require_at_most(
+                length(alone.value - member.value),
+                2 * distance_bound(problem, tolerance_of(solver), alone.value, member.value),
+                f"‖solve_batch(problems)[{k}] − solve(problems[{k}])‖",
+                "Runs of a batch should not see each other, nor be solved to another accuracy.",
+                problem,
+                alone,
+                member,
+            )
+
+
+def writable_copy(problem: DirectionProblem) -> DirectionProblem:
+    """The same problem on arrays that can be written to, as a caller's own class might have them."""
+    copy = DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)
+    for name in _ARRAYS:
+        object.__setattr__(copy, name, getattr(problem, name).copy())
+    return copy
+
+
+@contextmanager
+def _overheard() -> Iterator[list[str]]:
+    """Collects what is written to stdout and stderr inside: Python's streams, the file descriptors, warnings."""
+    noise: list[str] = []
+    spoken = io.StringIO()
+    with (
+        tempfile.TemporaryFile() as file,
+        redirect_stdout(spoken),
+        redirect_stderr(spoken),
+        warnings.catch_warnings(record=True) as shown,
+    ):
+        warnings.resetwarnings()
+        for hidden in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
+            warnings.simplefilter("ignore", hidden)
+        with _descriptors_to(file.fileno()):
+            yield noise
+        file.seek(0)
+        noise += [text for text in (spoken.getvalue(), file.read().decode(errors="replace")) if text]
+        noise += [f"{warning.category.__name__}: {warning.message}" for warning in shown]
+
+
+@contextmanager
+def _descriptors_to(target: int) -> Iterator[None]:
+    """Descriptors 1 and 2 point to `target` inside; C's buffers are flushed on both sides."""
+    _flush()
+    saved = [os.dup(descriptor) for descriptor in (1, 2)]
+    try:
+        for descriptor in (1, 2):
+            os.dup2(target, descriptor)
+        yield
+    finally:
+        _flush()
+        for descriptor, original in zip((1, 2), saved, strict=True):
+            os.dup2(original, descriptor)
+            os.close(original)
+
+
+def _flush() -> None:
+    for stream in (sys.__stdout__, sys.__stderr__):
+        if stream is not None:
+            with suppress(ValueError, OSError):  # closed or detached by whoever captures output
+                stream.flush()
+    with suppress(OSError, TypeError, AttributeError):  # Windows names its C library otherwise
+        ctypes.CDLL(None).fflush(None)

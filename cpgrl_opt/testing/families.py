@@ -1,0 +1,227 @@
+"""Named families of direction problems, each with the reason it exists: what breaks solvers that look right.
+
+`well_posed_problems` mixes the families whose answer float64 determines; `hostile_problems` adds those where a solver
+may decline but not lie; `infeasible_problems` (in `strategies`) are those without an answer.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import strategies as st
+
+from ..problem import DirectionProblem
+from .strategies import (
+    ALL_CASES,
+    SHAPES,
+    SHIFTED_CASES,
+    Case,
+    Choice,
+    chosen,
+    direction_problems,
+    feasible_problem,
+    infeasible_problems,
+    integer_rows,
+    integers,
+    members,
+    rescaled,
+    row_factors,
+)
+
+Problems = st.SearchStrategy[DirectionProblem]
+_DEPENDENT_SHAPES = tuple(shape for shape in SHAPES if shape[1] >= 3)
+# Powers of two, since rows that depend exactly must still do so after scaling.
+_EXACT_ROW_SCALES = st.sampled_from((1.0, 2.0**20, 2.0**40))
+
+
+@dataclass(frozen=True)
+class Family:
+    """A source of problems; `problems` maps the cases that a solver takes to a strategy."""
+
+    name: str
+    reason: str
+    problems: Callable[[Collection[Case]], Problems]
+    cases: tuple[Case, ...] = ALL_CASES
+
+
+@st.composite
+def duplicate_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """Two rows are the same; multipliers are not unique, the direction is."""
+    return _dependent(draw, cases, lambda rows: rows[0])
+
+
+@st.composite
+def opposing_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """Jⱼ = −Jᵢ: two inequalities make an equality, and the cone has no interior."""
+    return _dependent(draw, cases, lambda rows: -rows[0])
+
+
+@st.composite
+def sum_to_zero(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """Σ Jᵢ = 0, as Δ² + Δ³ + Δ⁴ = 0 in the paper's three-state MDP."""
+    return _dependent(draw, cases, lambda rows: -rows[:-1].sum(axis=0))
+
+
+@st.composite
+def zero_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """A constraint whose gradient vanishes, as of an episode in which nothing happened."""
+    return _dependent(draw, cases, lambda rows: np.zeros_like(rows[0]))
+
+
+@st.composite
+def cone_of_zero(draw: st.DrawFn) -> DirectionProblem:
+    """e₁ … eₙ and −Σ wᵢeᵢ span the space positively, so {d : J d ≥ 0} = {0}: d = 0 whatever g. Davis 1954."""
+    n = draw(st.sampled_from((2, 3)))
+    jacobian = np.vstack([np.eye(n), -integers(draw, 1, n, lowest=1)])
+    return rescaled(
+        DirectionProblem(integers(draw, n), jacobian), 1.0, row_factors(draw, n + 1, draw(_EXACT_ROW_SCALES))
+    )
+
+
+@st.composite
+def nearly_dependent(
+    draw: st.DrawFn,
+    cases: Collection[Case] = ALL_CASES,
+    *,
+    angle: Choice[float] = (1e-7, 1e-1),
+    opposing: bool = True,
+) -> DirectionProblem:
+    """Two rows at a small angle (rad) from opposing, or from parallel: a Gram matrix sees its square only."""
+    n, m = draw(st.sampled_from(_DEPENDENT_SHAPES))
+    theta = chosen(draw, angle)
+    first, second = np.linalg.qr(integers(draw, n, 2))[0].T
+    jacobian = integers(draw, m, n)
+    jacobian[0] = 5.0 * first
+    jacobian[1] = 3.0 * ((-1.0 if opposing else 1.0) * np.cos(theta) * first + np.sin(theta) * second)
+    return feasible_problem(draw, jacobian, draw(st.sampled_from(members("cases", cases, ALL_CASES))))
+
+
+@st.composite
+def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """J g ≥ b, = b on E, exactly: then d = g."""
+    n, m = draw(st.sampled_from(SHAPES))
+    jacobian, g = integers(draw, m, n), integers(draw, n)
+    case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
+    equality = np.full(m, case in (Case.TANGENT, Case.AFFINE)) | (np.arange(m) < (case == Case.MIXED))
+    factors = row_factors(draw, m, draw(_EXACT_ROW_SCALES))
+    if case == Case.TANGENT:  # (gᵀg) Jᵢ − (Jᵢg) gᵀ is orthogonal to g, in integers
+        jacobian = (g @ g) * jacobian - np.outer(jacobian @ g, g)
+    slack = draw(st.sampled_from((0.0, 1.0, 30.0)))
+    if case == Case.CONE:
+        jacobian = np.where(jacobian @ g < 0, -1.0, 1.0)[:, None] * jacobian
+    bound = jacobian @ g - np.where(equality, 0.0, slack) if case.is_shifted else np.zeros(m)
+    return rescaled(DirectionProblem(g, jacobian, bound, equality), 1.0, factors)
+
+
+@st.composite
+def weakly_infeasible(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """Opposing rows that miss each other by 1e-4 … 1e-12: tolerances decide, and an answer may claim neither."""
+    members("cases", cases, SHIFTED_CASES)
+    n, m = draw(st.sampled_from(_DEPENDENT_SHAPES))
+    jacobian = integers(draw, m, n)
+    jacobian[0, 0] = 3.0
+    jacobian[1] = -jacobian[0]
+    bound = jacobian @ integers(draw, n)
+    bound[0] += 10.0 ** -draw(st.integers(4, 12))
+    equality = np.full(m, Case.BOUNDS not in cases and Case.MIXED not in cases)
+    return DirectionProblem(integers(draw, n), jacobian, bound, equality)
+
+
+@st.composite
+def far_bounds(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """One inequality is slack by 1e6 … 1e15 beside others that bind."""
+    members("cases", cases, (Case.BOUNDS, Case.MIXED))
+    problem = draw(direction_problems(conflict=(0, 2), cases=[case for case in cases if case.is_shifted]))
+    bound = problem.bound.copy()
+    bound[np.flatnonzero(~problem.equality)[-1:]] = -(10.0 ** draw(st.integers(6, 15)))
+    return DirectionProblem(problem.gradient, problem.jacobian, bound, problem.equality)
+
+
+WELL_POSED = (
+    Family("integer", "ties, zeros and dependence come up often", lambda cases: direction_problems(cases=cases)),
+    Family(
+        "binding",
+        "the optimum is planted with up to three constraints tight",
+        lambda cases: direction_problems(conflict=(1, 3), cases=cases),
+    ),
+    Family(
+        "conditioned",
+        "σ₁/σᵣ up to 1e6",
+        lambda cases: direction_problems(conditioning=(1.0, 1e6), cases=cases),
+    ),
+    Family(
+        "rank-deficient",
+        "rank 1 or 2 of 3 or 5 rows",
+        lambda cases: direction_problems(3, st.sampled_from((3, 5)), rank=(1, 2), cases=cases),
+    ),
+    Family("duplicate rows", "multipliers are not unique, the direction is", duplicate_rows),
+    Family("opposing rows", "the cone has no interior", opposing_rows),
+    Family("sum to zero", "the paper's own Δ² + Δ³ + Δ⁴ = 0", sum_to_zero),
+    Family("zero rows", "nothing was learnt about a constraint", zero_rows),
+    Family(
+        "row scales",
+        "gradients of different rewards differ by 1e12 in length",
+        lambda cases: direction_problems(row_scale=st.sampled_from((1e6, 1e12)), cases=cases),
+    ),
+    Family(
+        "scaled",
+        "policy gradients are small; absolute tolerances then return g unchanged",
+        lambda cases: direction_problems(scale=st.sampled_from((1e-8, 1e-4, 1e8)), cases=cases),
+    ),
+    Family("cone of zero", "the answer is 0 whatever g", lambda cases: cone_of_zero(), (Case.CONE,)),  # noqa: ARG005
+    Family("nearly opposing", "1e-7 … 1e-1 rad: the hard family", lambda cases: nearly_dependent(cases)),
+    Family(
+        "nearly parallel",
+        "1e-7 … 1e-1 rad: a rank decision merges two rows",
+        lambda cases: nearly_dependent(cases, opposing=False),
+    ),
+    Family("no constraints", "m = 0: d = g", lambda cases: direction_problems(3, 0, cases=cases)),
+    Family("feasible gradient", "nothing to do: d = g", feasible_gradients),
+)
+
+HOSTILE = (
+    Family(
+        "almost opposing",
+        "1e-12 … 1e-7 rad: beyond what float64 certifies",
+        lambda cases: nearly_dependent(cases, angle=(1e-12, 1e-7)),
+    ),
+    Family(
+        "extreme scales",
+        "‖v‖² over- or underflows",
+        lambda cases: direction_problems(scale=st.sampled_from((1e-100, 1e100)), cases=cases),
+    ),
+    Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES),
+    Family("far bounds", "a huge number that must not set the scale", far_bounds, (Case.BOUNDS, Case.MIXED)),
+    Family("infeasible", "no direction exists", lambda cases: infeasible_problems(cases=cases), SHIFTED_CASES),
+)
+
+
+def well_posed_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
+    """All families whose answer float64 determines, those of the given cases."""
+    return _mixed(WELL_POSED, cases)
+
+
+def hostile_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
+    """Everything: well-posed, beyond float64, infeasible, and nearly so."""
+    return _mixed((*WELL_POSED, *HOSTILE), cases)
+
+
+def _mixed(families: Collection[Family], cases: Collection[Case]) -> Problems:
+    applicable = [(family, [case for case in family.cases if case in cases]) for family in families]
+    return st.one_of([family.problems(own) for family, own in applicable if own])
+
+
+def _dependent(
+    draw: st.DrawFn, cases: Collection[Case], last_row: Callable[[np.ndarray], np.ndarray]
+) -> DirectionProblem:
+    """Integer rows of which the last is a function of the others, in any order and at any scale."""
+    n, m = draw(st.sampled_from(_DEPENDENT_SHAPES))
+    jacobian = integer_rows(draw, n, m)
+    jacobian[-1] = last_row(jacobian)
+    jacobian = jacobian[draw(st.permutations(range(m)))]
+    case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
+    problem = feasible_problem(draw, jacobian, case)
+    return rescaled(problem, 1.0, row_factors(draw, m, draw(_EXACT_ROW_SCALES)))
+
+
+FAMILIES = {family.name: family for family in (*WELL_POSED, *HOSTILE)}

@@ -1,0 +1,141 @@
+"""Laws of honest answers: what is claimed is proven, what cannot be done is said, and nothing else is touched."""
+
+import numpy as np
+
+from ..direction import Status
+from ..kkt import farkas_residual, kkt_residuals
+from ..problem import DirectionProblem, unit_rows
+from ..solvers import SOLVERS
+from ..solvers.interface import DirectionSolver, tolerance_of
+from .law import (
+    Answer,
+    LawBroken,
+    NothingClaimed,
+    Outcome,
+    answer_of,
+    described,
+    law,
+    length,
+    optimum_of,
+    require_at_most,
+)
+from .sensitivity import distance_bound, hoffman_constant
+
+
+
+@law
+def check_claims_are_certified(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """OPTIMAL implies worst KKT residual ≤ ε, INFEASIBLE a Farkas vector with residual ≤ √ε; for any problem at all.
+
+    With residual ρ the vector proves that no direction shorter than max|b̂|/ρ is feasible; a least-violation residual
+    that is good to ε max|b̂| gives ρ ≈ ε (max|b̂|/violation)².
+    Source: Nocedal & Wright, Theorem 12.1; Farkas' lemma, Boyd & Vandenberghe, §5.8.
+    """
+    answer = answer_of(solver, problem)
+    if answer.status == Status.OPTIMAL:
+        require_at_most(
+            kkt_residuals(problem, answer).worst,
+            tolerance_of(solver),
+            "the worst KKT residual of an OPTIMAL direction",
+            "Judge the answer by kkt_residuals before calling it OPTIMAL; else say UNCERTIFIED.",
+            problem,
+            answer,
+        )
+    elif answer.status == Status.INFEASIBLE:
+        _require_proof(solver, problem, answer)
+    else:
+        raise NothingClaimed(Outcome.DECLINED)
+
+
+@law
+def check_feasible_is_not_called_infeasible(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """A problem with a feasible direction is not INFEASIBLE. `problem` should be feasible. Source: Farkas' lemma."""
+    answer = answer_of(solver, problem)
+    if answer.status == Status.INFEASIBLE:
+        raise LawBroken(
+            "the problem has a feasible direction and should not be INFEASIBLE: INFEASIBLE needs a Farkas vector "
+            f"(y ≥ 0 on I, Jᵀy = 0, bᵀy > 0), and there is none{described(problem, answer)}"
+        )
+    if answer.status != Status.OPTIMAL:
+        raise NothingClaimed(Outcome.DECLINED)
+
+
+@law
+def check_infeasible_is_called_infeasible(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """Status INFEASIBLE, with a Farkas vector of residual ≤ √ε as multipliers.
+
+    `problem` should be infeasible by more than √ε max|b̂|. Source: Farkas' lemma; Boyd & Vandenberghe, §5.8.
+    """
+    _require_proof(solver, problem, _infeasible(solver, problem))
+
+
+@law
+def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """The direction of an INFEASIBLE answer minimises ‖r‖, r = (b̂ − Ĵd)₊ (signed on E), and is the nearest such to g.
+
+    Least: ‖Ĵᵀr‖ ≤ (1 + m) ε s, s = max(‖g‖, ‖d‖, b̂₊, |b̂| on E), the gradient of the convex ½‖r‖². Then ‖r − r*‖ ≤ 2H(1 + m)εs.
+    Nearest: ‖d − p(g)‖ ≤ (1 + 2H)(1 + m) · `distance_bound`(ε + its ε), p the projection by `enumeration` onto
+    {Ĵd ≥ b̂ − r}. `problem` should be infeasible without zero rows. Source: Censor & Elfving 1982; design of INFEASIBLE.
+    """
+    answer = _infeasible(solver, problem)
+    rows = unit_rows(problem.jacobian)
+    if not (rows.largest > 0).all():
+        raise NothingClaimed(Outcome.SKIPPED)
+    bound = rows.per_length(problem.bound)
+    lack = bound - rows.jacobian @ answer.value
+    lack = np.where(problem.equality, lack, np.maximum(lack, 0.0))
+    required = np.where(problem.equality, np.abs(bound), np.maximum(bound, 0.0))
+    unit = max(length(problem.gradient), length(answer.value), float(required.max(initial=0.0)))
+    require_at_most(
+        length(rows.jacobian.T @ lack) / unit,
+        (1 + problem.m) * tolerance_of(solver),
+        "‖Ĵᵀ(b̂ − Ĵd)₊‖ / s of an INFEASIBLE direction",
+        "The direction should violate the constraints least, in the 2-norm on unit rows.",
+        problem,
+        answer,
+    )
+    _require_nearest(solver, problem, answer, rows.times_length(lack))
+
+
+def _require_nearest(
+    solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray
+) -> None:
+    oracle = SOLVERS["enumeration"]
+    relaxed = DirectionProblem(problem.gradient, problem.jacobian, problem.bound - lack, problem.equality)
+    nearest = optimum_of(oracle, relaxed)
+    epsilon = tolerance_of(solver) + tolerance_of(oracle)
+    factor = (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
+    require_at_most(
+        length(answer.value - nearest.value),
+        factor * distance_bound(relaxed, epsilon, answer.value, nearest.value),
+        "‖d − p(g)‖, p(g) the direction nearest to g of those that violate least",
+        "Of all directions that violate the constraints least, take the one nearest to the gradient.",
+        problem,
+        answer,
+        nearest,
+    )
+
+
+def _infeasible(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
+    """The answer where it says INFEASIBLE; LawBroken where it says OPTIMAL."""
+    answer = answer_of(solver, problem)
+    if answer.status == Status.OPTIMAL:
+        raise LawBroken(
+            "no direction meets the constraints, so OPTIMAL is wrong: check every constraint of the answer against "
+            f"its bound, and return INFEASIBLE with a Farkas vector{described(problem, answer)}"
+        )
+    if answer.status != Status.INFEASIBLE:
+        raise NothingClaimed(Outcome.DECLINED)
+    return answer
+
+
+def _require_proof(solver: DirectionSolver, problem: DirectionProblem, answer: Answer) -> None:
+    require_at_most(
+        farkas_residual(problem, answer.multipliers),
+        float(np.sqrt(tolerance_of(solver))),
+        "the residual of the Farkas vector y in `multipliers`",
+        "INFEASIBLE needs a proof: y ≥ 0 on inequalities with Jᵀy = 0 and bᵀy > 0; (b̂ − Ĵd)₊/‖Jᵢ‖ of the least "
+        "violation is one.",
+        problem,
+        answer,
+    )

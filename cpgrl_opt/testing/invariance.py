@@ -1,0 +1,163 @@
+"""Laws of invariance: what names, units and coordinates we choose does not move the direction.
+
+Each compares two answers, both within `distance_bound`(ε) of the same optimum, and so allows the sum of the two.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..problem import DirectionProblem, unit_rows
+from ..projection import RANK_TOLERANCE
+from ..solvers.interface import DirectionSolver, tolerance_of
+from .law import Answer, NothingClaimed, Outcome, law, length, optimum_of, require_at_most
+from .sensitivity import distance_bound
+
+
+@law
+def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order: ArrayLike) -> None:
+    """Rows in another order leave d and reorder μ; the latter where rows are independent, and no bound is −∞.
+
+    ‖Δd‖ ≤ 2 · `distance_bound`(ε), ‖Δμ̂‖ ≤ (‖Δd‖'s limit + 2εσ)/σ_min(Ĵ). order: (m,), a permutation of 0 … m − 1.
+    Source: the problem is a set of constraints.
+    """
+    index = np.asarray(order, dtype=np.intp)
+    other = DirectionProblem(
+        problem.gradient, problem.jacobian[index], problem.bound[index], problem.equality[index]
+    )
+    first, second = optimum_of(solver, problem), optimum_of(solver, other)
+    allowed = _require_same(
+        solver, (problem, other), (first, second), "The order of the rows decides: is a row skipped, or never re-added?"
+    )
+    rows = unit_rows(problem.jacobian)
+    smallest = np.linalg.svd(rows.jacobian, compute_uv=False).min(initial=1.0)
+    if problem.m > problem.n or smallest <= RANK_TOLERANCE or (problem.bound == -np.inf).any():
+        return
+    difference = rows.times_length(first.multipliers[index] - second.multipliers)
+    sigma = max(length(problem.gradient), length(first.value), length(second.value))
+    require_at_most(
+        length(difference),
+        (allowed + 2 * tolerance_of(solver) * sigma) / float(smallest),
+        f"‖Δμ̂‖ after the permutation {index.tolist()}",
+        "The multipliers should be permuted as the rows are.",
+        problem,
+        first,
+        second,
+    )
+
+
+@law
+def check_row_scaling(solver: DirectionSolver, problem: DirectionProblem, factors: ArrayLike) -> None:
+    """(cᵢJᵢ, cᵢbᵢ) with cᵢ > 0 leave d, within 2 · `distance_bound`(ε). factors c: (m,).
+
+    Source: {d : cᵢJᵢd ≥ cᵢbᵢ} is the same set.
+    """
+    c = np.asarray(factors, dtype=np.float64)
+    other = DirectionProblem(
+        problem.gradient, c[:, None] * problem.jacobian, c * problem.bound, problem.equality
+    )
+    _require_same(
+        solver,
+        (problem, other),
+        (optimum_of(solver, problem), optimum_of(solver, other)),
+        "The lengths of the rows decide: normalise them before any rank decision or comparison of multipliers.",
+    )
+
+
+@law
+def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: float) -> None:
+    """(c g, c b) with c > 0 scale d by c: ‖d(cg, cb)/c − d(g, b)‖ ≤ 2 · `distance_bound`(ε).
+
+    Source: d ∈ {J d ≥ b} ⇔ c d ∈ {J d ≥ c b}. A problem with a trust region scales its radius too.
+    """
+    other = DirectionProblem(
+        factor * problem.gradient, problem.jacobian, factor * problem.bound, problem.equality
+    )
+    first, second = optimum_of(solver, problem), optimum_of(solver, other)
+    scaled_back = Answer(second.value / factor, second.multipliers / factor, second.status)
+    _require_same(
+        solver,
+        (problem, problem),
+        (first, scaled_back),
+        "The direction has a length of its own, or an absolute tolerance: divide by σ = max(‖g‖, |b̂|) before solving.",
+    )
+
+
+@law
+def check_duplicate_row(solver: DirectionSolver, problem: DirectionProblem, row: int) -> None:
+    """A constraint stated twice leaves d, within the sum of the two `distance_bound`(ε). row: which one is repeated.
+
+    Source: the set is the same; the multipliers are not unique any more.
+    """
+    twice = np.append(np.arange(problem.m), row)
+    other = DirectionProblem(
+        problem.gradient, problem.jacobian[twice], problem.bound[twice], problem.equality[twice]
+    )
+    _require_same(
+        solver,
+        (problem, other),
+        (optimum_of(solver, problem), optimum_of(solver, other)),
+        "Dependent rows break the factorisation: decide the rank on unit rows, or drop what is implied.",
+    )
+
+
+@law
+def check_inactive_row(
+    solver: DirectionSolver, problem: DirectionProblem, row: ArrayLike, margin: float = 1.0
+) -> None:
+    """A strictly inactive row leaves d, within the sum of the two `distance_bound`(ε). row a: (n,).
+
+    Where aᵀd > 0 clearly, aᵀd' ≥ 0 is added, turned round where it is < 0; else skipped. With bounds in the problem
+    it is aᵀd' ≥ aᵀd − margin ‖a‖σ. Source: Nocedal & Wright, §12.3: only active constraints shape the optimum.
+    """
+    first = optimum_of(solver, problem)
+    a = np.asarray(row, dtype=np.float64)
+    along, size = float(a @ first.value), length(a) * max(length(first.value), length(problem.gradient))
+    shifted = bool((problem.bound[~problem.equality] != 0).any())
+    if not shifted and not abs(along) > 1e-3 * size:
+        raise NothingClaimed(Outcome.SKIPPED)
+    new_row, new_bound = (a, along - margin * size) if shifted else (np.copysign(1.0, along) * a, 0.0)
+    other = DirectionProblem(
+        problem.gradient,
+        np.vstack([problem.jacobian, new_row]),
+        np.append(problem.bound, new_bound),
+        np.append(problem.equality, False),
+    )
+    _require_same(
+        solver,
+        (problem, other),
+        (first, optimum_of(solver, other)),
+        "A constraint that is met with room to spare changed the direction: only tight ones may have a multiplier.",
+    )
+
+
+@law
+def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation: ArrayLike) -> None:
+    """Parameters in rotated coordinates: d(Qg, JQᵀ) = Q d(g, J), within 2 · `distance_bound`(ε). rotation Q: (n, n).
+
+    Source: the Euclidean projection commutes with isometries.
+    """
+    Q = np.asarray(rotation, dtype=np.float64)
+    other = DirectionProblem(Q @ problem.gradient, problem.jacobian @ Q.T, problem.bound, problem.equality)
+    first, second = optimum_of(solver, problem), optimum_of(solver, other)
+    turned_back = Answer(Q.T @ second.value, second.multipliers, second.status)
+    _require_same(
+        solver,
+        (problem, other),
+        (first, turned_back),
+        "The coordinates decide: is the metric not the Euclidean one, or clipping done by component?",
+    )
+
+
+def _require_same(
+    solver: DirectionSolver,
+    problems: tuple[DirectionProblem, DirectionProblem],
+    answers: tuple[Answer, Answer],
+    advice: str,
+) -> float:
+    """LawBroken unless the two directions agree; what was allowed."""
+    (first, second), epsilon = answers, tolerance_of(solver)
+    allowed = sum(distance_bound(problem, epsilon, first.value, second.value) for problem in problems)
+    require_at_most(
+        length(first.value - second.value), allowed, "‖d − d'‖ of two forms of one problem", advice, problems[0], *answers
+    )
+    return allowed

@@ -1,0 +1,134 @@
+"""What a law is: a plain function of a solver and a problem that returns an `Outcome` or raises `LawBroken`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import wraps
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Multipliers, Vector
+from ..direction import Status
+from ..problem import DirectionProblem, lengths
+from ..solvers.interface import DirectionSolver, supports
+
+
+class Outcome(StrEnum):
+    """What became of one problem; a broken law is an exception, `LawBroken`."""
+
+    HELD = "held"
+    DECLINED = "declined"  # the solver claimed nothing about a problem that it takes
+    SKIPPED = "skipped"  # the solver does not take the problem, or the law says nothing about it
+
+
+class LawBroken(AssertionError):
+    """A solver's answer contradicts a theorem; the message holds the numbers and what to look at."""
+
+
+class NothingClaimed(Exception):  # noqa: N818 - control flow inside a check, not an error
+    """Ends a check early with an outcome; `law` turns it into a return value."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__(outcome)
+        self.outcome = outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A solver's answer with arrays and a `Status` in it, whatever types the solver returned."""
+
+    value: Vector
+    multipliers: Multipliers
+    status: Status
+
+
+def law(check: Callable[..., None]) -> Callable[..., Outcome]:
+    """A check as its users call it: HELD when it returns, the outcome of `NothingClaimed` when it stops early."""
+
+    @wraps(check)
+    def counted(*args: Any, **kwargs: Any) -> Outcome:
+        try:
+            check(*args, **kwargs)
+        except NothingClaimed as end:
+            return end.outcome
+        return Outcome.HELD
+
+    counted.__annotations__ = {**check.__annotations__, "return": Outcome}
+    return counted
+
+
+def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
+    """The solver's answer, of whatever status. LawBroken when it raises or is malformed; skips what is unsupported."""
+    if not supports(solver, problem):
+        raise NothingClaimed(Outcome.SKIPPED)
+    try:
+        direction = solver.solve(problem)
+    except Exception as error:
+        raise LawBroken(
+            f"solve should answer a valid problem with a Direction and a Status; it raised "
+            f"{type(error).__name__}: {error}{described(problem)}"
+        ) from error
+    return checked_answer(problem, direction)
+
+
+def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
+    """The parts of a direction; LawBroken where one is missing, not numbers, or of a wrong shape."""
+    try:
+        value = np.array(direction.value, dtype=np.float64)
+        multipliers = np.array(direction.multipliers, dtype=np.float64)
+        status = _status(direction.status)
+    except (AttributeError, TypeError, ValueError, KeyError) as error:
+        raise LawBroken(
+            "solve should return an object with value (n,), multipliers (m,) and status, a cpgrl_opt.Status or its "
+            f"number or name; found {direction!r} ({type(error).__name__}: {error}){described(problem)}"
+        ) from error
+    if value.shape != (problem.n,) or multipliers.shape != (problem.m,):
+        raise LawBroken(
+            f"value and multipliers should have shapes ({problem.n},) and ({problem.m},); "
+            f"found {value.shape} and {multipliers.shape}{described(problem)}"
+        )
+    return Answer(value, multipliers, status)
+
+
+def optimum_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
+    """The answer where the solver calls it OPTIMAL; anything else it declined."""
+    answer = answer_of(solver, problem)
+    if answer.status != Status.OPTIMAL:
+        raise NothingClaimed(Outcome.SKIPPED if answer.status == Status.UNSUPPORTED else Outcome.DECLINED)
+    return answer
+
+
+def require_at_most(
+    found: float, limit: float, what: str, advice: str, problem: DirectionProblem, *answers: Answer
+) -> None:
+    """LawBroken unless found ≤ limit; NaN is not."""
+    if not found <= limit:
+        raise LawBroken(f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}{described(problem, *answers)}")
+
+
+def length(vector: np.ndarray) -> float:
+    """‖v‖₂; infinite where v is not finite, so that no comparison with NaN slips through."""
+    return float(lengths(vector)) if np.isfinite(vector).all() else float("inf")
+
+
+def described(problem: DirectionProblem, *answers: Answer) -> str:
+    """The numbers below a message: the problem, then each answer."""
+    lines = [
+        f"    gradient    {_numbers(problem.gradient)}",
+        f"    jacobian    {_numbers(problem.jacobian)}",
+        f"    bound       {_numbers(problem.bound)}",
+        f"    equality    {problem.equality.tolist()}",
+    ]
+    for answer in answers:
+        lines.append(f"    value       {_numbers(answer.value)}  {answer.status.name}")
+        lines.append(f"    multipliers {_numbers(answer.multipliers)}")
+    return "\n" + "\n".join(lines)
+
+
+def _numbers(array: np.ndarray) -> str:
+    return np.array2string(array, precision=9, separator=", ", threshold=100).replace("\n", "\n                ")
+
+
+def _status(status: Any) -> Status:
+    return Status[status.upper()] if isinstance(status, str) else Status(int(status))

@@ -1,0 +1,182 @@
+"""The table of laws: each check with the problems, and whatever else, that it is put to.
+
+Laws whose theorem needs a feasible or an infeasible problem are only given such; see each check for its statement.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from ..problem import DirectionProblem
+from ..solvers.interface import DirectionSolver, supports
+from . import conduct, honesty, invariance, optimality, projection_laws
+from .families import feasible_gradients, hostile_problems, well_posed_problems
+from .law import Outcome
+from .strategies import (
+    ALL_CASES,
+    SHAPES,
+    SHIFTED_CASES,
+    Case,
+    direction_problems,
+    infeasible_problems,
+    integers,
+    row_factors,
+)
+
+Arguments = st.SearchStrategy[dict[str, Any]]
+_WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A check, and `arguments`: from the cases that a solver takes to a strategy for all arguments but the solver.
+
+    cases: those that the law speaks about. needs: a method without which the solver is excused.
+    may_decline: the problems include some that no solver need answer.
+    """
+
+    check: Callable[..., Outcome]
+    arguments: Callable[[Collection[Case]], Arguments]
+    cases: tuple[Case, ...] = ALL_CASES
+    needs: str | None = None
+    may_decline: bool = False
+
+    @property
+    def name(self) -> str:
+        """The check's name, by which expected failures are declared."""
+        return self.check.__name__
+
+    @property
+    def statement(self) -> str:
+        """The law itself, the first line of the check's docstring."""
+        return (self.check.__doc__ or "").strip().splitlines()[0]
+
+    def applies_to(self, solver: DirectionSolver) -> list[Case]:
+        """The law's cases that the solver takes; none if it lacks a method that the law is about."""
+        if self.needs is not None and not hasattr(solver, self.needs):
+            return []
+        return [case for case in supported_cases(solver) if case in self.cases]
+
+
+def supported_cases(solver: DirectionSolver) -> list[Case]:
+    """The cases for which the solver's `supports` takes a small example; all if it has none."""
+    return [case for case in Case if supports(solver, _example(case))]
+
+
+def _example(case: Case) -> DirectionProblem:
+    equality = {Case.TANGENT: [True, True], Case.AFFINE: [True, True], Case.MIXED: [True, False]}
+    bound = [1.0, 1.0] if case.is_shifted else [0.0, 0.0]
+    return DirectionProblem([1.0, 2.0, 3.0], [[1.0, 0.0, 1.0], [0.0, 1.0, -1.0]], bound, equality.get(case, False))
+
+
+def _well_posed(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": well_posed_problems(cases)})
+
+
+def _feasible_gradients(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": feasible_gradients(cases)})
+
+
+def _hostile(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": hostile_problems(cases)})
+
+
+def _infeasible(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": infeasible_problems(cases=cases)})
+
+
+def _two_problems(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": well_posed_problems(cases), "between": well_posed_problems(cases)})
+
+
+@st.composite
+def _with_gradient(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(well_posed_problems(cases))
+    size = float(np.abs(problem.gradient).max()) or 1.0
+    return {"problem": problem, "other": problem.gradient + size / 9 * integers(draw, problem.n)}
+
+
+@st.composite
+def _with_order(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(well_posed_problems(cases))
+    return {"problem": problem, "order": np.array(draw(st.permutations(range(problem.m))), dtype=np.intp)}
+
+
+@st.composite
+def _with_factors(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(well_posed_problems(cases))
+    return {"problem": problem, "factors": row_factors(draw, problem.m, draw(st.sampled_from((3.0, 1e4, 1e6))))}
+
+
+@st.composite
+def _with_factor(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    return {
+        "problem": draw(well_posed_problems(cases)),
+        "factor": draw(st.sampled_from((2.0, 0.3, 1e4, 1e-4, 1e8, 1e-8))),
+    }
+
+
+@st.composite
+def _with_index(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(well_posed_problems(cases).filter(lambda problem: problem.m > 0))
+    return {"problem": problem, "row": draw(st.integers(0, problem.m - 1))}
+
+
+@st.composite
+def _with_row(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(well_posed_problems(cases))
+    return {"problem": problem, "row": integers(draw, problem.n)}
+
+
+@st.composite
+def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(well_posed_problems(cases))
+    return {"problem": problem, "rotation": np.linalg.qr(integers(draw, problem.n, problem.n))[0]}
+
+
+@st.composite
+def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    problem = draw(direction_problems(*draw(st.sampled_from(SHAPES)), cases=cases))
+    where = draw(st.sampled_from(("gradient", "jacobian", "bound")))
+    values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
+    return {"problem": problem, "where": where, "value": draw(st.sampled_from(values))}
+
+
+@st.composite
+def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    n, m = draw(st.sampled_from(SHAPES))
+    problem = direction_problems(n, m, cases=cases)
+    return {"problems": draw(st.lists(problem, min_size=1, max_size=4))}
+
+
+_TABLE = (
+    Law(honesty.check_claims_are_certified, _hostile, may_decline=True),
+    Law(optimality.check_stationarity, _well_posed),
+    Law(optimality.check_primal_feasibility, _well_posed),
+    Law(optimality.check_dual_feasibility, _well_posed, _WITH_INEQUALITIES),
+    Law(optimality.check_complementarity, _well_posed, _WITH_INEQUALITIES),
+    Law(optimality.check_gradient_kept_when_feasible, _feasible_gradients),
+    Law(optimality.check_zero_only_when_optimal, _well_posed),
+    Law(optimality.check_agreement_with_enumeration, _well_posed),
+    Law(projection_laws.check_idempotence, _well_posed),
+    Law(projection_laws.check_non_expansiveness, _with_gradient),
+    Law(projection_laws.check_firm_non_expansiveness, _with_gradient),
+    Law(invariance.check_permutation, _with_order),
+    Law(invariance.check_row_scaling, _with_factors),
+    Law(invariance.check_scaling, _with_factor),
+    Law(invariance.check_duplicate_row, _with_index),
+    Law(invariance.check_inactive_row, _with_row, _WITH_INEQUALITIES),
+    Law(invariance.check_rotation, _with_rotation),
+    Law(honesty.check_feasible_is_not_called_infeasible, _well_posed),
+    Law(honesty.check_infeasible_is_called_infeasible, _infeasible, SHIFTED_CASES),
+    Law(honesty.check_least_violation, _infeasible, SHIFTED_CASES),
+    Law(conduct.check_non_finite_is_refused, _with_bad_number),
+    Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
+    Law(conduct.check_answers_repeat, _two_problems, may_decline=True),
+    Law(conduct.check_silence, _well_posed, may_decline=True),
+    Law(conduct.check_batch_is_loop, _batches, needs="solve_batch", may_decline=True),
+)
+LAWS = {law.name: law for law in _TABLE}

@@ -1,0 +1,151 @@
+"""Laws of the optimum: d = g + Jᵀμ is the projection of g onto {d : Jᵢd ≥ bᵢ, Jᵢd = bᵢ on E}.
+
+ε is the solver's `tolerance` (1e-6 where it states none); residuals are the referee's (`cpgrl_opt.kkt`).
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from ..kkt import kkt_residuals
+from ..problem import DirectionProblem, unit_rows
+from ..solvers import SOLVERS
+from ..solvers.interface import DirectionSolver, tolerance_of
+from .law import NothingClaimed, Outcome, law, length, optimum_of, require_at_most
+from .sensitivity import distance_bound, hoffman_constant
+
+
+@law
+def check_stationarity(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """d = g + Jᵀμ: the referee's stationarity ≤ ε.
+
+    Source: Karush, Kuhn, Tucker; Nocedal & Wright, Numerical Optimization, Theorem 12.1.
+    """
+    answer = optimum_of(solver, problem)
+    require_at_most(
+        kkt_residuals(problem, answer).stationarity,
+        tolerance_of(solver),
+        "stationarity ‖d − g − Jᵀμ‖ / σ",
+        "Look at the sign of μ (≥ 0 on inequalities, d = g + Jᵀμ), at a normalised d, and at a ridge in J Jᵀ.",
+        problem,
+        answer,
+    )
+
+
+@law
+def check_primal_feasibility(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """Jᵢd ≥ bᵢ, Jᵢd = bᵢ on E: the referee's primal ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
+    answer = optimum_of(solver, problem)
+    require_at_most(
+        kkt_residuals(problem, answer).primal,
+        tolerance_of(solver),
+        "primal max (b̂ᵢ − Ĵᵢd)₊ / σ",
+        "A constraint is violated: was it dropped, lost in a rank decision on unscaled rows, or softened by a ridge?",
+        problem,
+        answer,
+    )
+
+
+@law
+def check_dual_feasibility(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """μᵢ ≥ 0 on inequalities: the referee's dual ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
+    answer = optimum_of(solver, problem)
+    require_at_most(
+        kkt_residuals(problem, answer).dual,
+        tolerance_of(solver),
+        "dual max (−μ̂ᵢ)₊ / σ",
+        "An inequality holds g back although g leads away from it: release it. λ of the paper's eq. 7 is −μ.",
+        problem,
+        answer,
+    )
+
+
+@law
+def check_complementarity(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """min(μᵢ, Jᵢd − bᵢ) = 0 on inequalities: the referee's complementarity ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
+    answer = optimum_of(solver, problem)
+    require_at_most(
+        kkt_residuals(problem, answer).complementarity,
+        tolerance_of(solver),
+        "complementarity max |min(μ̂ᵢ, Ĵᵢd − b̂ᵢ)| / σ",
+        "A constraint that is not tight has a multiplier: is the active set that of another problem?",
+        problem,
+        answer,
+    )
+
+
+@law
+def check_gradient_kept_when_feasible(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """J g ≥ b, = b on E, implies d = g, within `distance_bound`(ε). For other problems: skipped.
+
+    Source: a projection fixes the points of its set; Boyd & Vandenberghe, Convex Optimization, §8.1.
+    """
+    slack = problem.jacobian @ problem.gradient - problem.bound
+    if not np.where(problem.equality, slack == 0, slack >= 0).all():
+        raise NothingClaimed(Outcome.SKIPPED)
+    answer = optimum_of(solver, problem)
+    require_at_most(
+        length(answer.value - problem.gradient),
+        distance_bound(problem, tolerance_of(solver), answer.value),
+        "‖d − g‖ for a feasible g",
+        "The gradient meets every constraint, so it is the answer, unchanged and at its own length.",
+        problem,
+        answer,
+    )
+
+
+@law
+def check_zero_only_when_optimal(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """d = 0 implies −g ∈ {Σ μᵢĴᵢ : b̂ᵢ ≥ −ε‖g‖, μᵢ ≥ 0 on I}, within (1 + m)(ε + 16 m H eps)‖g‖, and b ≤ 0, = 0 on E.
+
+    The nearest such point is found by nonnegative least squares, whatever multipliers the solver reports.
+    Source: Moreau 1962: 0 is the projection of g onto a cone where g is in its polar.
+    """
+    answer = optimum_of(solver, problem)
+    if answer.value.any():
+        return
+    epsilon = tolerance_of(solver)
+    advice = "Zero is an answer only where no feasible direction climbs; failures have a Status of their own."
+    with_zeros = SimpleNamespace(value=answer.value, multipliers=np.zeros(problem.m))
+    require_at_most(
+        kkt_residuals(problem, with_zeros).primal, epsilon, "primal of d = 0", advice, problem, answer
+    )
+    allowed = (1 + problem.m) * (epsilon + 16 * max(problem.m, 1) * hoffman_constant(problem) * 2.0**-52)
+    require_at_most(
+        _distance_from_polar(problem, epsilon), allowed, "‖g + Jᵀμ‖ / ‖g‖, best μ, at d = 0", advice, problem, answer
+    )
+
+
+@law
+def check_agreement_with_enumeration(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """d = the direction of `enumeration`, which tries every active set: within `distance_bound`(ε + its ε).
+
+    The bound grows with Hoffman's constant, 1/angle for rows that are nearly dependent: use it for angles > 1e-7.
+    Source: the projection onto a closed convex set is unique.
+    """
+    answer = optimum_of(solver, problem)
+    oracle = SOLVERS["enumeration"]
+    expected = optimum_of(oracle, problem)
+    require_at_most(
+        length(answer.value - expected.value),
+        distance_bound(problem, tolerance_of(solver) + tolerance_of(oracle), answer.value, expected.value),
+        "‖d − d*‖, d* by enumeration",
+        "Both claim OPTIMAL and the optimum is unique: compare the active sets (μ > 0) of the two answers.",
+        problem,
+        answer,
+        expected,
+    )
+
+
+def _distance_from_polar(problem: DirectionProblem, epsilon: float) -> float:
+    """min ‖g + Ĵᵀμ‖ / ‖g‖ over μ ≥ 0 on I, μᵢ = 0 where b̂ᵢ < −ε‖g‖."""
+    from scipy.optimize import nnls
+
+    size = length(problem.gradient)
+    if size == 0.0:
+        return 0.0
+    rows = unit_rows(problem.jacobian)
+    is_tight = rows.per_length(problem.bound) >= -epsilon * size
+    tight, equal = rows.jacobian[is_tight & ~problem.equality], rows.jacobian[problem.equality]
+    _, distance = nnls(np.vstack([tight, equal, -equal]).T, -problem.gradient / size)
+    return float(distance)

@@ -1,0 +1,63 @@
+"""One pytest item for each (solver, law)."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hypothesis import settings
+
+from ..solvers.interface import DirectionSolver
+from ..validation import require_member
+from .laws import LAWS, Law
+from .verdict import CheckResult, check_law
+
+
+@dataclass(frozen=True)
+class SolverCheck:
+    """Calling it with the solver puts one law to it: LawBroken where the law breaks, pytest.skip if unsupported."""
+
+    law: Law
+    max_examples: int | None = None
+    seed: int = 0
+
+    def __call__(self, solver: DirectionSolver) -> CheckResult:
+        """The result, where it passed."""
+        import pytest
+
+        examples = self.max_examples or settings().max_examples
+        result = check_law(self.law, solver, max_examples=examples, seed=self.seed)
+        if not result.supported:
+            pytest.skip(f"{self.law.name}: the solver declares that it does not take such problems")
+        result.raise_for_failure()
+        return result
+
+
+def parametrize_with_checks(
+    solvers: Mapping[str, DirectionSolver],
+    *,
+    expected_failures: Mapping[str, Mapping[str, str]] | None = None,
+    max_examples: int | Mapping[str, int] | None = None,
+    seed: int = 0,
+) -> Callable[[Callable[..., Any]], Any]:
+    """Decorates `def test(solver, check): check(solver)` into one item for each solver, by name, and law.
+
+    expected_failures: solver name → {check: reason}; these items may fail (xfail, not strict: a rare failure need
+    not show among few problems). max_examples: for all, or by solver name; else the Hypothesis profile's.
+    Raises ValueError for names of solvers or checks that do not exist.
+    """
+    import pytest
+
+    expected = expected_failures or {}
+    for name, reasons in expected.items():
+        require_member("solver in expected_failures", name, tuple(solvers))
+        for check in reasons:
+            require_member("check in expected_failures", check, tuple(LAWS))
+    items = []
+    for name, solver in solvers.items():
+        examples = max_examples.get(name) if isinstance(max_examples, Mapping) else max_examples
+        for law in LAWS.values():
+            reason = expected.get(name, {}).get(law.name)
+            marks = [pytest.mark.xfail(reason=reason, strict=False)] if reason else []
+            check = SolverCheck(law, examples, seed)
+            items.append(pytest.param(solver, check, id=f"{name}-{law.name.removeprefix('check_')}", marks=marks))
+    return pytest.mark.parametrize(("solver", "check"), items)

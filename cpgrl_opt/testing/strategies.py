@@ -1,0 +1,236 @@
+"""Hypothesis strategies for direction problems, built from a point that meets the constraints, never filtered.
+
+Entries are small integers, so that dependent rows are dependent exactly, degenerate cases come up often, and a
+counterexample shrinks to numbers that a person can check by hand.
+"""
+
+from collections.abc import Collection
+from enum import StrEnum
+from typing import Any, TypeVar
+
+import numpy as np
+from hypothesis import strategies as st
+from jaxtyping import Bool, Float
+
+from ..problem import DirectionProblem
+
+T = TypeVar("T")
+# One value, (lowest, highest), or a strategy.
+Choice = T | tuple[T, T] | st.SearchStrategy[T]
+
+LARGEST_ENTRY = 9
+# Few shapes (n, m): modelling languages compile anew for each. The smallest first: Hypothesis shrinks to it.
+SHAPES = ((2, 1), (2, 3), (9, 3), (3, 5))
+
+
+class Case(StrEnum):
+    """The five cases that solvers differ in; a solver without `supports` is taken to handle all."""
+
+    TANGENT = "J d = 0"
+    AFFINE = "J d = b"
+    CONE = "J d ≥ 0"
+    BOUNDS = "J d ≥ b"
+    MIXED = "J d ≥ b, = b in some rows"
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether b ≠ 0."""
+        return self not in (Case.TANGENT, Case.CONE)
+
+
+ALL_CASES = tuple(Case)
+SHIFTED_CASES = tuple(case for case in Case if case.is_shifted)
+
+
+@st.composite
+def direction_problems(
+    draw: st.DrawFn,
+    n: Choice[int] | None = None,
+    m: Choice[int] | None = None,
+    *,
+    rank: Choice[int] | None = None,
+    conditioning: Choice[float] | None = None,
+    scale: Choice[float] = 1.0,
+    row_scale: Choice[float] = 1.0,
+    conflict: Choice[int] | None = None,
+    feasible: bool | st.SearchStrategy[bool] = True,
+    cases: Collection[Case] = ALL_CASES,
+) -> DirectionProblem:
+    """Problems with a geometry to order; every argument is a value, a range (lowest, highest) or a strategy.
+
+    n, m: parameters and constraints; one of `SHAPES` where neither is given.
+    rank: of J, exactly; else whatever the rows have, full as a rule.
+    conditioning: σ₁(J)/σᵣ(J) ≥ 1, before the rows are scaled; else whatever small integers have.
+    scale c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d. row_scale r: rows (and bounds) times 1/r, 1 or r.
+    conflict: how many constraints bind at the optimum, which is then planted: g = d − Jᵀμ. At most the rank.
+    feasible: False makes b miss {Jd} by at least 1e-3 max|b̂| and needs m ≥ 1 and a case with bounds.
+    cases: which of `Case` to draw from.
+    """
+    shape = _shape(draw, n, m)
+    if not chosen(draw, feasible):
+        problem = draw(infeasible_problems(*shape, cases=cases))
+    else:
+        case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
+        order = None if rank is None else min(chosen(draw, rank), *shape)
+        if conditioning is not None:
+            jacobian = conditioned_rows(draw, *shape, order, chosen(draw, conditioning))
+        else:
+            jacobian = integer_rows(draw, *shape, order)
+        binding = None if conflict is None else chosen(draw, conflict)
+        problem = feasible_problem(draw, jacobian, case, conflict=binding)
+    return rescaled(problem, chosen(draw, scale), row_factors(draw, problem.m, chosen(draw, row_scale)))
+
+
+def chosen(draw: st.DrawFn, choice: Any) -> Any:
+    """A value as it is; (lowest, highest) uniformly for integers, log-uniformly for floats; or from a strategy."""
+    if isinstance(choice, st.SearchStrategy):
+        return draw(choice)
+    if not isinstance(choice, tuple):
+        return choice
+    lowest, highest = choice
+    if isinstance(lowest, int) and isinstance(highest, int):
+        return draw(st.integers(lowest, highest))
+    steps = 20
+    return float(lowest * (highest / lowest) ** (draw(st.integers(0, steps)) / steps))
+
+
+def members(name: str, cases: Collection[Case], possible: Collection[Case]) -> list[Case]:
+    """The possible ones of the cases in one order, so that draws are reproducible; ValueError where there is none."""
+    both = [case for case in possible if case in cases]
+    if not both:
+        raise ValueError(f"{name} should include one of {', '.join(possible)}; found {', '.join(cases) or 'none'}")
+    return both
+
+
+def integers(draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY) -> Float[np.ndarray, "..."]:
+    """Integers lowest … 9 as floats."""
+    size = int(np.prod(shape))
+    entries = draw(st.lists(st.integers(lowest, LARGEST_ENTRY), min_size=size, max_size=size))
+    return np.array(entries, dtype=np.float64).reshape(shape)
+
+
+def integer_rows(draw: st.DrawFn, n: int, m: int, rank: int | None = None) -> Float[np.ndarray, "m n"]:
+    """J of small integers; of exactly the rank given, rows beyond it being sums of two of the others."""
+    if rank is None:
+        return integers(draw, m, n)
+    rows = np.zeros((m, n))
+    rows[:rank] = np.eye(rank, n) * draw(st.integers(1, LARGEST_ENTRY))
+    upper = np.triu(integers(draw, rank, n), 1)
+    rows[:rank] += upper
+    for i in range(rank, m if rank > 0 else rank):
+        first, second = draw(st.tuples(*[st.integers(0, rank - 1)] * 2))
+        rows[i] = rows[first] + draw(st.sampled_from((1.0, -1.0))) * rows[second]
+    order = draw(st.permutations(range(m)))
+    return rows[order]
+
+
+def conditioned_rows(
+    draw: st.DrawFn, n: int, m: int, rank: int | None, conditioning: float
+) -> Float[np.ndarray, "m n"]:
+    """J = U diag(s) Vᵀ, s from 9 down to 9/conditioning in equal ratios, U and V orthonormal."""
+    count = min(m, n) if rank is None else rank
+    left = np.linalg.qr(integers(draw, m, m))[0][:, :count]
+    right = np.linalg.qr(integers(draw, n, count), mode="reduced")[0]
+    return (left * (LARGEST_ENTRY * np.geomspace(1.0, 1.0 / conditioning, count))) @ right.T
+
+
+def feasible_problem(
+    draw: st.DrawFn, jacobian: Float[np.ndarray, "m n"], case: Case, *, conflict: int | None = None
+) -> DirectionProblem:
+    """g, b and equalities around a point d that meets J d ≥ b; with a `conflict` d is the optimum."""
+    m, n = jacobian.shape
+    equality = _equalities(draw, m, case)
+    point = integers(draw, n)
+    binding = equality.copy()
+    if conflict is not None:
+        binding |= _independent(jacobian, conflict)
+    if not case.is_shifted:
+        jacobian, point = _turned(jacobian, point, binding) if conflict is not None else (jacobian, 0 * point)
+    bound = np.zeros(m)
+    if case.is_shifted:
+        slack = np.where(binding, 0.0, _slacks(draw, m, lowest=0 if conflict is None else 1))
+        bound = jacobian @ point - slack
+    if conflict is None:
+        return DirectionProblem(integers(draw, n), jacobian, bound, equality)
+    weights = integers(draw, m, lowest=1) * np.where(equality, draw(st.sampled_from((1.0, -1.0))), 1.0)
+    return DirectionProblem(point - (weights * binding) @ jacobian, jacobian, bound, equality)
+
+
+@st.composite
+def infeasible_problems(
+    draw: st.DrawFn, n: int | None = None, m: int | None = None, *, cases: Collection[Case] = ALL_CASES
+) -> DirectionProblem:
+    """Jᵀy = 0, y > 0 on some k rows and bᵀy > 0, by at least 1e-3 max|b̂|: Farkas' vector comes first, then b.
+
+    The last of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ with tᵢ > ‖Jᵢ‖ or a 32nd of it.
+    """
+    shape = _shape(draw, n, m)
+    case = draw(st.sampled_from(members("cases of infeasible problems", cases, SHIFTED_CASES)))
+    jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0])
+    k = draw(st.integers(1, min(shape[1], shape[0] + 1)))
+    weights = draw(st.lists(st.integers(1, 3), min_size=k - 1, max_size=k - 1))
+    jacobian[k - 1] = -np.array(weights, dtype=np.float64) @ jacobian[: k - 1]
+    bound = jacobian @ point - _slacks(draw, shape[1])
+    excess = np.ceil(np.sqrt((jacobian[:k] ** 2).sum(axis=1))) + 1.0
+    bound[:k] = jacobian[:k] @ point + excess * draw(st.sampled_from((1.0, 1 / 32)))
+    equality = _equalities(draw, shape[1], case) & (bound > -np.inf)
+    return DirectionProblem(integers(draw, shape[0]), jacobian, bound, equality)
+
+
+def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, "m"]:
+    """1, row_scale or 1/row_scale for each row."""
+    if row_scale == 1.0:
+        return np.ones(m)
+    factors = st.sampled_from((1.0, row_scale, 1.0 / row_scale))
+    return np.array(draw(st.lists(factors, min_size=m, max_size=m)), dtype=np.float64)
+
+
+def rescaled(
+    problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"]
+) -> DirectionProblem:
+    """(c g, c J, c² b), row i and bᵢ times factorᵢ: the optimum becomes c d."""
+    return DirectionProblem(
+        scale * problem.gradient,
+        scale * factors[:, None] * problem.jacobian,
+        scale * (scale * factors * problem.bound),
+        problem.equality,
+    )
+
+
+def _shape(draw: st.DrawFn, n: Choice[int] | None, m: Choice[int] | None) -> tuple[int, int]:
+    if n is None and m is None:
+        return draw(st.sampled_from(SHAPES))
+    return chosen(draw, 3 if n is None else n), chosen(draw, 3 if m is None else m)
+
+
+def _equalities(draw: st.DrawFn, m: int, case: Case) -> Bool[np.ndarray, "m"]:
+    if case != Case.MIXED:
+        return np.full(m, case in (Case.TANGENT, Case.AFFINE))
+    return np.arange(m) < draw(st.integers(0, m))
+
+
+def _slacks(draw: st.DrawFn, m: int, lowest: int = 0) -> Float[np.ndarray, "m"]:
+    slack = st.sampled_from((float(lowest), 1.0, 5.0, 40.0, float("inf")))
+    return np.array(draw(st.lists(slack, min_size=m, max_size=m)), dtype=np.float64)
+
+
+def _independent(jacobian: Float[np.ndarray, "m n"], count: int) -> Bool[np.ndarray, "m"]:
+    """The first independent rows, at most `count`."""
+    taken = np.zeros(len(jacobian), dtype=np.bool_)
+    for i in range(len(jacobian)):
+        if taken.sum() == count:
+            break
+        taken[i] = True
+        if np.linalg.matrix_rank(jacobian[taken]) < taken.sum():
+            taken[i] = False
+    return taken
+
+
+def _turned(
+    jacobian: Float[np.ndarray, "m n"], point: Float[np.ndarray, "n"], binding: Bool[np.ndarray, "m"]
+) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "n"]]:
+    """The part d of the point in the null space of the binding rows; the other rows turned so that Jᵢd ≥ 0."""
+    rows = jacobian[binding]
+    d = point - np.linalg.pinv(rows) @ (rows @ point) if binding.any() else point
+    signs = np.where(~binding & (jacobian @ d < 0), -1.0, 1.0)
+    return signs[:, None] * jacobian, d

@@ -1,0 +1,181 @@
+"""`check_direction_solver`: every law put to a solver, and the verdict with counts and counterexamples."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from ..solvers.interface import DirectionSolver, tolerance_of
+from ..validation import require_member
+from .counterexample import counterexample_code
+from .examination import examine
+from .law import LawBroken
+from .laws import LAWS, Law
+
+# A solver may give up on this part of the problems that float64 determines.
+MOST_DECLINED = 0.05
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What became of one law. run = held + declined + failed + expected; skipped problems are apart.
+
+    expected: failures of a check that was declared to fail, for the `reason` given; failed is 0 then.
+    problem: what is wrong in words, "" if nothing is; counterexample: code that shows it, "" if there is none.
+    """
+
+    check: str
+    statement: str
+    run: int = 0
+    declined: int = 0
+    skipped: int = 0
+    expected: int = 0
+    failed: int = 0
+    supported: bool = True
+    reason: str = ""
+    problem: str = ""
+    counterexample: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Held, or excused: the solver declares not to take such problems, or the failure was declared."""
+        return not self.problem or bool(self.reason)
+
+    @property
+    def word(self) -> str:
+        """The result in a word or two."""
+        if not self.supported:
+            return "unsupported"
+        if not self.problem:
+            return "held, though expected to fail" if self.reason else "held"
+        return "failed as expected" if self.reason else "FAILED"
+
+    def raise_for_failure(self) -> None:
+        """LawBroken with the problem and the counterexample unless the check passed."""
+        if not self.passed:
+            raise LawBroken(f"{self.check}: {self.problem}\n\n{self.counterexample}".rstrip())
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The results of all checks of one solver, in the order of `LAWS`."""
+
+    solver: str
+    tolerance: float
+    max_examples: int
+    seed: int
+    results: tuple[CheckResult, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Every law held or was excused."""
+        return all(result.passed for result in self.results)
+
+    @property
+    def failures(self) -> tuple[CheckResult, ...]:
+        """The results that did not pass."""
+        return tuple(result for result in self.results if not result.passed)
+
+    def __getitem__(self, check: str) -> CheckResult:
+        """The result of a check by its name; ValueError for a name that was not checked."""
+        results = {result.check: result for result in self.results}
+        require_member("check", check, tuple(results))
+        return results[check]
+
+    def raise_for_failures(self) -> None:
+        """LawBroken with every problem and counterexample unless the verdict is "passed"."""
+        if not self.passed:
+            raise LawBroken("\n\n".join([self.summary, *(_broken_law(result) for result in self.failures)]))
+
+    @property
+    def summary(self) -> str:
+        """One sentence: how many laws held, were excused, failed."""
+        words = [result.word for result in self.results]
+        parts = [f"{words.count('held') + words.count('held, though expected to fail')} held"]
+        parts += [f"{words.count(word)} {word}" for word in ("unsupported", "failed as expected", "FAILED") if word in words]
+        outcome = "passes" if self.passed else "does not pass"
+        return f"{self.solver} {outcome}: of {len(words)} laws {', '.join(parts)}."
+
+    def to_markdown(self) -> str:
+        """Summary, a table with the counts of every check, then each failure with its counterexample."""
+        head = "| check | law | run | declined | skipped | expected | failed | verdict |\n|---|---|--:|--:|--:|--:|--:|---|"
+        lines = [
+            f"| {result.check} | {_cell(result.statement)} | {result.run} | {result.declined} | {result.skipped} "
+            f"| {result.expected} | {result.failed} | {_cell(_with_reason(result))} |"
+            for result in self.results
+        ]
+        title = f"# Verdict on {self.solver}"
+        settings = f"Tolerance {self.tolerance:g}, {self.max_examples} examples a check, seed {self.seed}."
+        broken = [_broken_law(result) for result in self.results if result.problem]
+        return "\n\n".join([title, self.summary, settings, "\n".join([head, *lines]), *broken]) + "\n"
+
+
+def check_direction_solver(
+    solver: DirectionSolver,
+    *,
+    expected_failures: Mapping[str, str] | None = None,
+    max_examples: int = 100,
+    seed: int = 0,
+    checks: Collection[str] | None = None,
+) -> Verdict:
+    """Every law of `LAWS` put to a solver on generated problems.
+
+    expected_failures: name of a check → why it is bound to fail; such failures are counted and excused.
+    max_examples: problems a check. seed: the same seed draws the same problems. checks: names, all if None.
+    A check fails when the law breaks once, when the solver declines more than 5 % of the problems that float64
+    determines, or when it ran on none although the solver declares to take some. Raises ValueError for unknown names.
+    """
+    expected = dict(expected_failures or {})
+    for name in (*expected, *(checks or ())):
+        require_member("check", name, tuple(LAWS))
+    results = tuple(
+        check_law(law, solver, reason=expected.get(law.name, ""), max_examples=max_examples, seed=seed)
+        for law in LAWS.values()
+        if checks is None or law.name in checks
+    )
+    return Verdict(_solver_name(solver), tolerance_of(solver), max_examples, seed, results)
+
+
+def check_law(
+    law: Law, solver: DirectionSolver, *, reason: str = "", max_examples: int = 100, seed: int = 0
+) -> CheckResult:
+    """One law put to a solver; `reason` declares that it is bound to fail."""
+    if not law.applies_to(solver):
+        return CheckResult(law.name, law.statement, supported=False)
+    found = examine(law, solver, max_examples=max_examples, number=seed)
+    problem = found.message
+    if not problem and found.run == 0:
+        problem = "no problem was run: `supports` took none of those drawn although it takes such cases."
+    elif not problem and not law.may_decline and found.declined > MOST_DECLINED * found.run:
+        problem = (
+            f"declined {found.declined} of {found.run} problems that float64 determines, more than "
+            f"{MOST_DECLINED:.0%}: answer them, or let `supports` say that they are not taken."
+        )
+    return CheckResult(
+        law.name,
+        law.statement,
+        run=found.run,
+        declined=found.declined,
+        skipped=found.skipped,
+        expected=found.broken if reason else 0,
+        failed=0 if reason else found.broken,
+        reason=reason,
+        problem=problem,
+        counterexample=counterexample_code(law, solver, found.arguments) if found.arguments else "",
+    )
+
+
+def _solver_name(solver: DirectionSolver) -> str:
+    text = repr(solver)
+    return type(solver).__name__ if " object at 0x" in text else text
+
+
+def _with_reason(result: CheckResult) -> str:
+    return f"{result.word}: {result.reason}" if result.reason else result.word
+
+
+def _broken_law(result: CheckResult) -> str:
+    code = f"\n\n```python\n{result.counterexample}```" if result.counterexample else ""
+    return f"## {result.check}: {result.word}\n\n{result.statement}\n\n{result.problem}{code}"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
