@@ -1,0 +1,151 @@
+"""The `cpgrl` command."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from .experiments.three_state_reproduction import Reproduction
+
+FAILED_CLAIM, WRONG_USE, INTERRUPTED = 1, 2, 130
+
+
+class ListedCommands(TyperGroup):
+    """A group that answers a wrong name with the right ones."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that the first argument names."""
+        if args and self.get_command(ctx, args[0]) is None:
+            names = ", ".join(self.list_commands(ctx))
+            _refuse(f"{ctx.command_path} should be followed by one of {names}; found {args[0]!r}")
+        return super().resolve_command(ctx, args)
+
+
+_SETTINGS: dict[str, Any] = {"cls": ListedCommands, "no_args_is_help": True, "pretty_exceptions_enable": False}
+app = typer.Typer(help="Constrained policy-gradient reinforcement learning.", add_completion=False, **_SETTINGS)
+reproduce = typer.Typer(help="Reproduce an experiment of the paper: claims, data, figures.", **_SETTINGS)
+app.add_typer(reproduce, name="reproduce")
+
+
+def main() -> None:
+    """The entry point of `cpgrl`."""
+    app()
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"cpgrl {version('cpgrl-opt')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _cpgrl(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def solvers() -> None:
+    """List the direction solvers: what is installed, what each takes and guarantees."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from cpgrl_opt import SOLVERS
+    from cpgrl_opt.solvers import is_installed
+
+    from .experiments.solver_cases import cases
+
+    table = Table("solver", "installed", "formulations", "guarantee", "source")
+    for name, solver in SOLVERS.items():
+        installed = "[green]yes[/green]" if is_installed(solver) else "[red]no[/red]"
+        facts = (getattr(solver, fact, "") for fact in ("guarantee", "source"))
+        table.add_row(f"[bold]{name}[/bold]", installed, ", ".join(cases(solver)), *facts)
+    Console().print(table)
+
+
+@reproduce.command("three-state")
+def three_state(
+    runs: Annotated[int, typer.Option(help="Independent runs of each method.")] = 20,
+    episodes: Annotated[int, typer.Option(help="Episodes of a run; an update follows each.")] = 10_000,
+    steps: Annotated[int, typer.Option(help="Environment steps of an episode.")] = 100,
+    seed: Annotated[int, typer.Option(help="Seed of all random streams.")] = 0,
+    solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
+    formulation: Annotated[str, typer.Option(help="Of the subproblem: equality, cone, restoring.")] = "equality",
+    record_every: Annotated[int, typer.Option(help="Episodes between two rows of a run in learning.csv.")] = 100,
+    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/three-state"),
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
+    jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
+) -> None:
+    """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
+    from .experiments.progress import training_progress
+    from .experiments.three_state import METHODS, ThreeStateSettings
+    from .experiments.three_state_reproduction import reproduce_three_state
+
+    with _clean_errors():
+        settings = ThreeStateSettings(
+            runs=runs, episodes=episodes, steps=steps, seed=seed,
+            solver=solver, formulation=formulation, record_every=record_every,
+        )  # fmt: skip
+        with training_progress(METHODS, episodes) as progress:
+            try:
+                done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
+            except KeyboardInterrupt:
+                progress.stop()
+                typer.echo(f"Interrupted. {out / 'learning.csv'} holds {progress.recorded()}.", err=True)
+                raise typer.Exit(INTERRUPTED) from None
+    _report(done, out)
+    if strict and not all(claim.holds for claim in done.claims):
+        raise typer.Exit(FAILED_CLAIM)
+
+
+def _report(done: "Reproduction", out: Path) -> None:
+    from rich.console import Console
+
+    from .experiments.claims import print_claims
+    from .experiments.three_state_reproduction import FILES, remarks
+
+    print_claims(done.claims, Console())
+    for remark in remarks(done):
+        typer.echo(remark)
+    typer.echo(f"Wrote {', '.join(FILES)} into {out}")
+
+
+def _processes(jobs: int) -> int:
+    if jobs < 0:
+        raise ValueError(f"jobs should be an integer ≥ 0; found {jobs}")
+    if jobs:
+        return jobs
+    usable = getattr(os, "sched_getaffinity", None)  # a container may be given fewer cores than the machine has
+    return len(usable(0)) if usable else os.cpu_count() or 1
+
+
+@contextmanager
+def _clean_errors() -> Iterator[None]:
+    """One line instead of a traceback for whatever the user can put right."""
+    from cpgrl_opt import MissingPackageError
+
+    from .training import DivergenceError
+
+    try:
+        yield
+    except (ValueError, MissingPackageError, DivergenceError, OSError) as error:
+        _refuse(str(error))
+
+
+def _refuse(message: str) -> NoReturn:
+    typer.echo(f"cpgrl: {message}", err=True)
+    sys.exit(WRONG_USE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The paper's experiments: settings → runs → results → claims and figures, each from one command."""

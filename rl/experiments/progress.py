@@ -1,0 +1,51 @@
+"""Progress bars on stderr, one for each thing that is trained; silent where stderr is no terminal."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+
+class Report(Protocol):
+    """What a training task reports: what it trains, and how far it is."""
+
+    @property
+    def label(self) -> str:
+        """Method or condition."""
+
+    @property
+    def episode(self) -> int:
+        """Updates done."""
+
+
+class TrainingProgress:
+    """Bars by label; remembers how far each came."""
+
+    def __init__(self, bars: Progress, labels: Sequence[str], episodes: int) -> None:
+        self._bars = bars
+        self._tasks: dict[str, TaskID] = {label: bars.add_task(label, total=episodes) for label in labels}
+        self._done: dict[str, int] = {}
+
+    def listen(self, report: Report) -> None:
+        """Moves the bar."""
+        self._done[report.label] = report.episode
+        self._bars.update(self._tasks[report.label], completed=report.episode)
+
+    def recorded(self) -> str:
+        """How far each came, in words."""
+        return ", ".join(f"{label} to episode {episode}" for label, episode in self._done.items()) or "no episode"
+
+    def stop(self) -> None:
+        """Takes the bars away."""
+        self._bars.stop()
+
+
+@contextmanager
+def training_progress(labels: Sequence[str], episodes: int) -> Iterator[TrainingProgress]:
+    """Bars while the context lasts, gone afterwards."""
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        yield TrainingProgress(bars, labels, episodes)

@@ -1,0 +1,241 @@
+"""The paper's first experiment (§3): CPGRL, CONB and SUM on the three-state MDP, beside exact averages."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cpgrl_opt import ConstrainedStep
+from cpgrl_opt.arrays import Vector
+from envs import ThreeStateMDP
+from envs.tabular import ConstrainedOptimum
+
+from ..estimators import GPOMDP
+from ..learners import CPGRL, ConstraintSwitching, Learner, WeightedSum
+from ..policies import SoftmaxTable
+from ..policies.interface import require_count
+from ..training import TrainingRecord, train, uniform_parameters
+from .learning_curves import LearningCurves
+from .solver_cases import require_installed
+from .tidy_csv import TidyCsv
+from .workers import run_tasks
+
+METHODS = ("cpgrl", "conb", "sum")
+Listener = Callable[["Snapshot | Tick"], None]
+_TICK = 0.2  # s between signs of life
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreeStateSettings:
+    """Settings of the experiment; the defaults are the paper's (§3.1).
+
+    runs, episodes N_K, steps N_T per episode, seed, record_every (episodes between two records): whole numbers.
+    solver, formulation: names from SOLVERS and FORMULATIONS, for CPGRL. step_size α₁, restoration_rate αₑ,
+    average_rate α_r, trace_decay β, thresholds G², G³, G⁴ (reward per step).
+    Raises ValueError for bad numbers and unknown names.
+    """
+
+    runs: int = 20
+    episodes: int = 10_000
+    steps: int = 100
+    seed: int = 0
+    solver: str = "rosen"
+    formulation: str = "equality"
+    record_every: int = 100
+    step_size: float = 0.02
+    restoration_rate: float = 0.02
+    average_rate: float = 0.02
+    trace_decay: float = 0.99
+    thresholds: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("runs", "episodes", "steps", "record_every"):
+            require_count(name, getattr(self, name))
+        require_count("seed", self.seed, 0)
+        self.step()
+        self.estimator()
+
+    def step(self) -> ConstrainedStep:
+        """CPGRL's step."""
+        return ConstrainedStep(
+            solver=self.solver,
+            formulation=self.formulation,
+            step_size=self.step_size,
+            restoration_rate=self.restoration_rate,
+        )
+
+    def estimator(self) -> GPOMDP:
+        """Eq. 3 and 4."""
+        return GPOMDP(trace_decay=self.trace_decay, average_rate=self.average_rate, steps=self.steps)
+
+    def learner(self, method: str) -> Learner:
+        """CPGRL, CONB or SUM by its name in METHODS."""
+        if method == "cpgrl":
+            return CPGRL(self.step(), self.thresholds)
+        if method == "conb":
+            return ConstraintSwitching(self.thresholds, step_size=self.step_size)
+        return WeightedSum(step_size=self.step_size)
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All runs of a method after `episode` updates: θ and ρ as it is carried."""
+
+    label: str
+    episode: int
+    parameters: Float[np.ndarray, "R n"]
+    estimated: Float[np.ndarray, "R channels"]
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A sign of life: the method has done so many episodes."""
+
+    label: str
+    episode: int
+
+
+@dataclass(frozen=True)
+class MethodOutcome:
+    """What training one method cost.
+
+    steps: of the environment; seconds: of training; preparation: s, compiling or loading before it; counts: how often
+    the learner counted each event, over all runs and episodes.
+    """
+
+    steps: int
+    seconds: float
+    preparation: float
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def steps_per_second(self) -> float:
+        """Environment steps per wall second of training."""
+        return self.steps / self.seconds
+
+
+@dataclass(frozen=True)
+class ThreeStateResults:
+    """What the experiment found: learning curves and costs by method, and the exact constrained optimum."""
+
+    settings: ThreeStateSettings
+    curves: Mapping[str, LearningCurves]
+    outcomes: Mapping[str, MethodOutcome]
+    optimum: ConstrainedOptimum
+
+
+def train_three_state(
+    settings: ThreeStateSettings,
+    learning_csv: Path,
+    *,
+    processes: int = 1,
+    listen: Listener | None = None,
+    meanwhile: Callable[[], object] | None = None,
+) -> ThreeStateResults:
+    """All three methods, each record into the CSV as it comes: whatever ends the training, what was done is there.
+
+    processes: over which the methods are shared out; the numbers do not depend on it. listen: sees each snapshot and
+    tick. meanwhile: see `run_tasks`. Raises MissingPackageError, DivergenceError, WorkerDiedError.
+    """
+    mdp = ThreeStateMDP()
+    require_installed(settings.step().solver)
+    with Recorder(mdp, learning_csv) as recorder:
+
+        def heard(message: Snapshot | Tick) -> None:
+            if isinstance(message, Snapshot):
+                recorder.append(message)
+            if listen is not None:
+                listen(message)
+
+        items = [(settings, method) for method in METHODS]
+        outcomes = run_tasks(train_method, items, heard, processes=processes, meanwhile=meanwhile)
+    optimum = mdp.constrained_optimum(settings.thresholds)
+    return ThreeStateResults(settings, recorder.curves(), dict(zip(METHODS, outcomes, strict=True)), optimum)
+
+
+def train_method(item: tuple[ThreeStateSettings, str], report: Listener) -> MethodOutcome:
+    """One method, all its runs in lockstep; reports a snapshot before the first update and at every record."""
+    settings, method = item
+    started = perf_counter()
+    for _ in _records(replace(settings, episodes=1, runs=1), method, []):
+        pass  # kernels are compiled, or loaded from the cache, so that the clock below sees training alone
+    begun = ticked = perf_counter()
+    first: list[Vector] = []
+    records = _records(settings, method, first)
+    report(Snapshot(method, 0, np.array(first), np.zeros((settings.runs, len(settings.thresholds) + 1))))
+    steps, counts = 0, Counter[str]()
+    for record in records:
+        steps += int(record.estimate.steps.sum())
+        for name, number in record.update.counts.items():
+            counts[name] += int(number.sum())
+        if record.episode % settings.record_every == 0 or record.episode == settings.episodes:
+            report(Snapshot(method, record.episode, record.parameters, record.estimate.values))
+        elif perf_counter() - ticked > _TICK:
+            ticked = perf_counter()
+            report(Tick(method, record.episode))
+    return MethodOutcome(steps, perf_counter() - begun, begun - started, dict(counts))
+
+
+def _records(settings: ThreeStateSettings, method: str, first: list[Vector]) -> Iterator[TrainingRecord]:
+    """Training's records; `first` is filled with each run's θ₀ ~ U[0, 1]⁹ before they begin."""
+    mdp = ThreeStateMDP()
+    draw = uniform_parameters(mdp.states * mdp.actions)
+
+    def initial(rng: np.random.Generator) -> Vector:
+        first.append(draw(rng))
+        return first[-1]
+
+    policy = SoftmaxTable(mdp.states, mdp.actions)
+    return train(
+        mdp, policy, settings.estimator(), settings.learner(method),
+        episodes=settings.episodes, runs=settings.runs, seed=settings.seed, initial=initial,
+    )  # fmt: skip
+
+
+class Recorder:
+    """Snapshots, as they come, into `learning.csv` and into learning curves, exact averages beside the estimates."""
+
+    def __init__(self, mdp: ThreeStateMDP, path: Path) -> None:
+        channels = range(1, mdp.reward_channels + 1)
+        columns = ["method", "run", "episode"]
+        columns += [f"estimated_{channel}" for channel in channels] + [f"exact_{channel}" for channel in channels]
+        self.mdp = mdp
+        self.table = SoftmaxTable(mdp.states, mdp.actions)
+        self.csv = TidyCsv(path, columns, METHODS)
+        self.kept: dict[str, list[tuple[Snapshot, np.ndarray, np.ndarray]]] = {method: [] for method in METHODS}
+
+    def append(self, snapshot: Snapshot) -> None:
+        """A row for each run."""
+        policies = self.table.probabilities(snapshot.parameters)
+        exact = self.mdp.average_rewards(policies)
+        self.kept[snapshot.label].append((snapshot, exact, policies))
+        self.csv.append(
+            [
+                (snapshot.label, run, snapshot.episode, *estimated, *averages)
+                for run, (estimated, averages) in enumerate(zip(snapshot.estimated, exact, strict=True))
+            ]
+        )
+
+    def curves(self) -> dict[str, LearningCurves]:
+        """What was recorded of each method."""
+        return {
+            method: LearningCurves(
+                np.array([snapshot.episode for snapshot, _, _ in kept]),
+                np.stack([snapshot.estimated for snapshot, _, _ in kept], axis=1),
+                np.stack([exact for _, exact, _ in kept], axis=1),
+                np.stack([policies for _, _, policies in kept], axis=1),
+            )
+            for method, kept in self.kept.items()
+        }
+
+    def __enter__(self) -> "Recorder":
+        self.csv.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.csv.__exit__(*error)

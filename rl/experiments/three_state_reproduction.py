@@ -1,0 +1,149 @@
+"""`cpgrl reproduce three-state`: training, claims and figures, and every file of the results' directory."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from envs import ThreeStateMDP
+
+from .claims import Claim, write_claims
+from .figure_style import load_figures, paper_style, save_figure
+from .solver_cases import cases
+from .summary import versions, write_summary
+from .three_state import METHODS, Listener, ThreeStateResults, ThreeStateSettings, train_three_state
+from .three_state_claims import three_state_claims
+from .three_state_evidence import Evidence
+from .three_state_figures import averages_figure, policies_figure
+
+FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg")
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Results, claims and wall seconds by part ("training", "figures", "total")."""
+
+    results: ThreeStateResults
+    claims: Sequence[Claim]
+    seconds: Mapping[str, float]
+
+
+def reproduce_three_state(
+    settings: ThreeStateSettings, directory: Path, *, processes: int = 1, listen: Listener | None = None
+) -> Reproduction:
+    """Writes FILES into the directory, made if it is not there; files of an earlier run are removed first.
+
+    Interrupted, it leaves `learning.csv` with what was recorded. Raises as `train_three_state`.
+    """
+    begun = perf_counter()
+    clear(directory)
+    results = train_three_state(
+        settings, directory / "learning.csv", processes=processes, listen=listen, meanwhile=_load
+    )
+    trained = perf_counter()
+    claims = three_state_claims(evidence(results))
+    write_claims(claims, directory / "claims.json")
+    draw(results, directory)
+    ended = perf_counter()
+    seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
+    write_summary(
+        directory / "summary.json", results.outcomes["cpgrl"].steps_per_second, summary(results, seconds, processes)
+    )
+    return Reproduction(results, claims, seconds)
+
+
+def _load() -> None:
+    import scipy.optimize  # noqa: F401 - for the linear programme; slow to import
+
+    load_figures()
+
+
+def clear(directory: Path) -> None:
+    """The directory, without results of an earlier run: those of two runs never lie side by side."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for name in FILES:
+        (directory / name).unlink(missing_ok=True)
+
+
+def evidence(results: ThreeStateResults) -> Evidence:
+    """What the claims are judged by."""
+    updates = results.settings.runs * results.settings.episodes
+    return Evidence(
+        results.curves,
+        results.optimum.values,
+        np.array(results.settings.thresholds),
+        results.outcomes["conb"].counts["objective"] / updates,
+    )
+
+
+def draw(results: ThreeStateResults, directory: Path) -> None:
+    """fig4 and fig5 as PNG and SVG."""
+    thresholds = np.array(results.settings.thresholds)
+    figures: dict[str, Callable[[], Any]] = {
+        "fig4": lambda: averages_figure(results.curves, results.optimum.values, thresholds),
+        "fig5": lambda: policies_figure(results.curves, ThreeStateMDP()),
+    }
+    for name, figure in figures.items():
+        with paper_style():
+            save_figure(figure(), directory, name)
+
+
+def remarks(done: Reproduction) -> list[str]:
+    """Speed, wall time, and whatever did not go by the plain rule."""
+    outcomes, settings = done.results.outcomes, done.results.settings
+    million_steps = sum(outcome.steps for outcome in outcomes.values()) / 1e6
+    lines = [
+        f"{million_steps:.1f} M environment steps; CPGRL trained at "
+        f"{outcomes['cpgrl'].steps_per_second / 1e6:.1f} M steps/s. Wall time {done.seconds['total']:.1f} s: "
+        f"training {done.seconds['training']:.1f} s, figures {done.seconds['figures']:.1f} s."
+    ]
+    counted = {name: count for name, count in outcomes["cpgrl"].counts.items() if count}
+    if counted:
+        updates = settings.runs * settings.episodes
+        listed = ", ".join(f"{name} {count}" for name, count in counted.items())
+        lines.append(f"CPGRL counted in {updates} updates: {listed}.")
+    if settings.formulation not in cases(settings.step().solver):
+        lines.append(
+            f"The solver {settings.solver} does not take the formulation {settings.formulation}: "
+            "active-set solved every subproblem instead."
+        )
+    return lines
+
+
+def summary(results: ThreeStateResults, seconds: Mapping[str, float], processes: int) -> dict[str, Any]:
+    """What `summary.json` holds besides speed and machine."""
+    settings = results.settings
+    return {
+        "experiment": "three-state",
+        "settings": asdict(settings),
+        "seeds": {"seed": settings.seed, "runs": "run i draws from SeedSequence(seed, spawn_key=(i,)).spawn(2)"},
+        "versions": versions(*_back_end(settings)),
+        "wall_time": {name: round(value, 3) for name, value in seconds.items()},
+        "processes": processes,
+        "methods": {method: _method(results, method) for method in METHODS},
+        "optimum": {
+            "values": results.optimum.values.tolist(),
+            "policy": results.optimum.policy.tolist(),
+            "multipliers": results.optimum.multipliers.tolist(),
+        },
+    }
+
+
+def _method(results: ThreeStateResults, method: str) -> dict[str, Any]:
+    outcome = results.outcomes[method]
+    return {
+        "environment_steps": outcome.steps,
+        "training_seconds": round(outcome.seconds, 3),
+        "steps_per_second": round(outcome.steps_per_second),
+        "preparation_seconds": round(outcome.preparation, 3),
+        "updates": results.settings.runs * results.settings.episodes,
+        "counts": dict(outcome.counts),
+    }
+
+
+def _back_end(settings: ThreeStateSettings) -> list[str]:
+    package = getattr(settings.step().solver, "package", None)
+    return [package] if package else []
