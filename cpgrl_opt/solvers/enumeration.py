@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from .factorization import pivoted_qr
 from .preparation import failure, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
@@ -66,14 +67,11 @@ def enumerate_active_sets(reduced: ReducedProblem) -> BackEndAnswer:
 
 def _independent_equalities(reduced: ReducedProblem) -> Int[np.ndarray, "e"]:
     """Equalities that span the others; if the others contradict them, the error shows it."""
-    from scipy.linalg import qr
-
     index = np.flatnonzero(reduced.equality)
     if len(index) == 0:
         return index
-    R, order = qr(reduced.rows[index].T, mode="r", pivoting=True, check_finite=False)
-    rank = int((np.abs(R.diagonal()) > RANK_TOLERANCE).sum())
-    spanning: np.ndarray = index[np.sort(order[:rank])]
+    _, R, order = pivoted_qr(reduced.rows[index].T, RANK_TOLERANCE)
+    spanning: np.ndarray = index[np.sort(order[: len(R)])]
     return spanning
 
 

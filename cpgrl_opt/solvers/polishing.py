@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..arrays import Vector
 from ..projection import RANK_TOLERANCE
+from .factorization import pivoted_qr, solve_upper
 from .reduction import ScaledProblem
 
 # A row within this of its bound, in units of s, may belong to the face or not: no back end is surer than that.
@@ -48,23 +49,20 @@ def project_onto_face(
 
     nonnegative=False: whatever sign the independent rows give, for rules that look at it.
     """
-    from scipy.linalg import qr, solve_triangular
-
     rows, bound, g = scaled.rows[face], scaled.bound[face], scaled.gradient
     multipliers = np.zeros(len(face))
     if len(rows) == 0:
         return g.copy(), multipliers
-    Q, R, order = qr(rows.T, mode="economic", pivoting=True, check_finite=False)
-    rank = int((np.abs(R.diagonal()) > RANK_TOLERANCE).sum())
-    Q, R, chosen = Q[:, :rank], R[:rank, :rank], order[:rank]
-    offset = solve_triangular(R, bound[chosen], trans="T", check_finite=False)
-    d = _off(Q, g) + Q @ offset
+    Q, R, order = pivoted_qr(rows.T, RANK_TOLERANCE)
+    rank = len(R)
+    R, chosen = R[:, :rank], order[:rank]
+    d = _off(Q, g) + Q @ solve_upper(R, bound[chosen], transposed=True)
     weights = np.zeros(len(rows))
-    weights[chosen] = solve_triangular(R, Q.T @ (d - g), check_finite=False)
+    weights[chosen] = solve_upper(R, Q.T @ (d - g))
     if nonnegative and rank < len(rows) and (weights[~scaled.equality[face]] < 0.0).any():
         weights = _nonnegative_weights(Q.T @ rows.T, Q.T @ (d - g), scaled.equality[face])
     else:  # one step of refinement: nearly opposing rows have multipliers of 1e9
-        weights[chosen] += solve_triangular(R, Q.T @ (d - g - weights @ rows), check_finite=False)
+        weights[chosen] += solve_upper(R, Q.T @ (d - g - weights @ rows))
     multipliers[face] = weights
     return d, multipliers
 

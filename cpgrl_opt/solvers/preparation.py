@@ -145,9 +145,9 @@ def _larger_units(scaled: ScaledProblem) -> tuple[float, ...]:
 
 def _infeasible(problem: DirectionProblem, attempt: Attempt, tolerance: float) -> Direction | None:
     """The proof of infeasibility, looked for where an answer is rejected or violates more than rounding does."""
-    if attempt.candidate is not None and attempt.worst <= tolerance:
-        if attempt.candidate.residuals.primal <= _SUSPICIOUS_VIOLATION:
-            return None
+    candidate, certified = attempt.candidate, attempt.worst <= tolerance
+    if certified and candidate is not None and candidate.residuals.primal <= _SUSPICIOUS_VIOLATION:
+        return None
     return infeasible_direction(problem, attempt.answer.iterations)
 
 

@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..arrays import Jacobian, Mask, Multipliers, Vector
+from ..arrays import Mask, Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem, UnitRows, lengths, unit_rows
+from .factorization import pivoted_qr
 
 # Directions that carry less than this of the unit rows are rounding: duplicate rows stay exactly dependent.
 COORDINATE_TOLERANCE = 1e-13
@@ -136,12 +137,9 @@ def scale_problem(problem: DirectionProblem) -> ScaledProblem:
 
 def reduce_problem(scaled: ScaledProblem) -> tuple[ReducedProblem, Float[np.ndarray, "n k"]]:
     """The problem in the coordinates of Q (n, k); d = g + Q (x − c)."""
-    from scipy.linalg import qr  # first use only: importing the solvers stays light
-
-    columns = np.vstack([scaled.rows, scaled.gradient]).T
-    Q, R, order = qr(columns, mode="economic", pivoting=True, check_finite=False)
-    rank = int((np.abs(R.diagonal()) > COORDINATE_TOLERANCE).sum())
-    coordinates = np.empty((len(order), rank))
-    coordinates[order] = R[:rank].T
+    columns = np.concatenate((scaled.rows, scaled.gradient[None])).T
+    Q, R, order = pivoted_qr(columns, COORDINATE_TOLERANCE)
+    coordinates = np.empty((len(order), len(R)))
+    coordinates[order] = R.T
     reduced = ReducedProblem(coordinates[-1], coordinates[:-1], scaled.bound, scaled.equality)
-    return reduced, Q[:, :rank]
+    return reduced, Q
