@@ -1,0 +1,98 @@
+"""A picture of a finite Markov decision process at work."""
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, FancyArrowPatch
+
+from .tabular import TabularMDP
+
+_INK, _FAINT, _LIT, _TAKEN = "#26323b", "#d5dbe0", "#f2b134", "#c8452f"
+_INCHES, _DPI = 4.0, 100  # 400 × 400 pixels
+_HALF_WIDTH, _HALF_HEIGHT = 1.75, 1.6  # what is shown, in units where the states stand on the unit circle
+_POINTS = 72 * 0.9 * _INCHES / (2 * _HALF_HEIGHT)  # of 1/72 inch in such a unit; 0.9: room for the caption
+
+
+def draw_chain(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> UInt8[np.ndarray, "height width 3"]:
+    """States on a circle, the present one lit; arrows as wide as the last action made each outcome likely.
+
+    Without a last action the arrows show every move that some action can make. Red is the move that happened.
+    """
+    figure = Figure(figsize=(_INCHES, _INCHES), dpi=_DPI)
+    canvas = FigureCanvasAgg(figure)  # no pyplot: no global state, no window
+    axes = figure.add_axes((0, 0, 1, 0.9))
+    axes.set(xlim=(-_HALF_WIDTH, _HALF_WIDTH), ylim=(-_HALF_HEIGHT, _HALF_HEIGHT), aspect="equal")
+    axes.set_axis_off()
+    places = _places(mdp.states)
+    radius = min(0.26, 1.6 / mdp.states)
+    for source, target, width, colour in _moves(mdp, state, last):
+        _draw_move(axes, places[source], places[target], radius, width, colour)
+    for index, place in enumerate(places):
+        fill = _LIT if index == state else "white"
+        axes.add_patch(Circle(tuple(place), radius, facecolor=fill, edgecolor=_INK, linewidth=1.5, zorder=3))
+        if mdp.states <= 30:  # beyond that the names no longer fit
+            name = f"$s_{{{index + 1}}}$"
+            axes.text(place[0], place[1], name, ha="center", va="center", fontsize=60 * radius, zorder=4)
+    figure.text(0.5, 0.94, _caption(mdp, state, last), ha="center", va="center", color=_INK, fontsize=10)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.array(canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]
+
+
+def _places(states: int) -> Float64[np.ndarray, "states 2"]:
+    # The first state on top, then clockwise.
+    angle = np.pi / 2 - 2 * np.pi * np.arange(states) / states
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _moves(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> list[tuple[int, int, float, str]]:
+    possible = mdp.transitions.max(axis=1) if mdp.states <= 12 else np.zeros((mdp.states, mdp.states))
+    moves = [(int(s), int(j), 1.0, _FAINT) for s, j in np.argwhere(possible > 0)]
+    if last is not None:
+        source, action = last
+        for target in np.flatnonzero(mdp.transitions[source, action] > 0):
+            likely = float(mdp.transitions[source, action, target])
+            moves.append((source, int(target), 1.0 + 4.0 * likely, _TAKEN if target == state else _INK))
+    return moves
+
+
+def _draw_move(
+    axes: Axes,
+    source: Float64[np.ndarray, "2"],
+    target: Float64[np.ndarray, "2"],
+    radius: float,
+    width: float,
+    colour: str,
+) -> None:
+    if np.array_equal(source, target):
+        # A loop outside the circle: leaves and enters the node left and right of its outward direction.
+        side = np.array([-source[1], source[0]]) * 0.6 * radius
+        start, end, bend = source * (1 + 0.8 * radius) + side, source * (1 + 0.8 * radius) - side, -1.6
+        gap = 0.0
+    else:
+        start, end, bend = source, target, 0.18
+        gap = radius * _POINTS  # from the centre of a node to its rim
+    arrow = FancyArrowPatch(
+        tuple(start),
+        tuple(end),
+        connectionstyle=f"arc3,rad={bend}",
+        arrowstyle="-|>",
+        mutation_scale=8 + 2 * width,
+        shrinkA=gap,
+        shrinkB=gap,
+        linewidth=width,
+        color=colour,
+        zorder=1 if colour == _FAINT else 2,
+    )
+    axes.add_patch(arrow)
+
+
+def _caption(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> str:
+    if last is None:
+        return f"start in $s_{{{state + 1}}}$"
+    source, action = last
+    rewards = ", ".join(f"{reward:.3g}" for reward in mdp.rewards[:6, source, action])
+    more = ", …" if mdp.reward_channels > 6 else ""
+    rewards = rewards.replace("-", "−")
+    return f"$s_{{{source + 1}}}$, $a_{{{action + 1}}}$ → $s_{{{state + 1}}}$    r = ({rewards}{more})"

@@ -1,0 +1,152 @@
+"""What an environment offers: vector rewards, and kernels for compiled training.
+
+Generic path: a Gymnasium environment whose `step` returns an ndarray of rewards (MO-Gymnasium's convention).
+Compiled path: arrays (`FiniteKernel`) for finite MDPs, compiled functions (`ContinuousKernels`) for the
+others. This module imports no numba: that happens when `function_type` is called or kernels are handed over.
+
+numba kernels of a continuous environment have exactly these signatures:
+
+    reset(constants, random_state, state)                          fills state
+    step(constants, state, action, random_state, reward) → event   moves state in place, fills reward
+
+`event` is 0 while the episode runs and k ≥ 1 when it ended with the k-th event. The policy observes the
+state. A rollout takes them as arguments of `function_type(...)` in an explicit signature of its own:
+
+    @numba.njit([types.float64(function_type(RESET_SIGNATURE), function_type(STEP_SIGNATURE), …)], cache=True)
+
+Then rollout and kernels all load from numba's disk cache in a new process; passed as plain dispatchers
+without a signature, or captured in a closure, they would compile anew in each. Such a call costs about 0.2 ms
+before the first step, so it should run whole episodes, better many.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64, UInt64
+from numpy.typing import ArrayLike
+
+from .validation import finite_array, index_below, positive_integer
+
+RESET_SIGNATURE = "void(float64[::1], uint64[::1], float64[::1])"
+STEP_SIGNATURE = "int64(float64[::1], float64[::1], float64[::1], uint64[::1], float64[::1])"
+
+
+@runtime_checkable
+class VectorReward(Protocol):
+    """Rewards are vectors: channel 0 intrinsic, channels 1 … m extrinsic."""
+
+    @property
+    def reward_channels(self) -> int:
+        """1 + m."""
+        ...
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class FiniteKernel:
+    """A finite MDP for compiled code.
+
+    transition_cumulative: (S, A, S), C(s, a, j) = Pr(s′ ≤ j | s, a), non-decreasing, exactly 1 from the last
+    possible successor on; the next state is the first j with u < C(s, a, j), u uniform on [0, 1). rewards: (1
+    + m, S, A). start: first state of an episode. The arrays are C-contiguous and *writeable* copies: a kernel
+    compiled for `float64[:, :, ::1]` refuses read-only ones. Raises ValueError for arrays that do not fit
+    this.
+    """
+
+    transition_cumulative: Float64[np.ndarray, "states actions states"]
+    rewards: Float64[np.ndarray, "channels states actions"]
+    start: int
+
+    def __init__(self, transition_cumulative: ArrayLike, rewards: ArrayLike, start: int = 0) -> None:
+        C = finite_array("transition_cumulative", transition_cumulative).copy()
+        r = finite_array("rewards", rewards).copy()
+        if C.ndim != 3 or C.shape[0] != C.shape[2] or C.size == 0:
+            raise ValueError(f"transition_cumulative should have shape (S, A, S); found {C.shape}")
+        if r.ndim != 3 or r.shape[0] == 0 or r.shape[1:] != C.shape[:2]:
+            raise ValueError(f"rewards should have shape (1 + m, {C.shape[0]}, {C.shape[1]}); found {r.shape}")
+        if C.min() < 0 or (np.diff(C, axis=2) < 0).any() or (C[:, :, -1] != 1).any():
+            raise ValueError("transition_cumulative should rise from ≥ 0 to 1; found a row that does not")
+        object.__setattr__(self, "transition_cumulative", C)
+        object.__setattr__(self, "rewards", r)
+        object.__setattr__(self, "start", index_below("start", start, C.shape[0]))
+
+    @property
+    def reward_channels(self) -> int:
+        """1 + m."""
+        return len(self.rewards)
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuousKernels:
+    """An environment with real vectors as states and actions, for compiled code.
+
+    state_size, action_size, reward_channels: lengths of the vectors; constants: (k,), handed to both kernels
+    at every call; reset, step: numba functions compiled for `RESET_SIGNATURE` and `STEP_SIGNATURE`;
+    max_steps: an episode ends after so many (a time-out, no event); events: name of event k at events[k − 1].
+    Raises ValueError for sizes below 1, constants that are not finite, kernels with other signatures.
+    """
+
+    state_size: int
+    action_size: int
+    reward_channels: int
+    constants: Float64[np.ndarray, "constants"]
+    reset: Callable[..., Any]
+    step: Callable[..., Any]
+    max_steps: int
+    events: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("state_size", "action_size", "reward_channels", "max_steps"):
+            object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
+        constants = finite_array("constants", self.constants).copy()  # writeable, as in FiniteKernel
+        if constants.ndim != 1:
+            raise ValueError(f"constants should have one axis; found shape {constants.shape}")
+        object.__setattr__(self, "constants", constants)
+        _require_compiled("reset", self.reset, RESET_SIGNATURE)
+        _require_compiled("step", self.step, STEP_SIGNATURE)
+
+
+@runtime_checkable
+class FiniteEnvironment(VectorReward, Protocol):
+    """An environment that hands a finite MDP to compiled code."""
+
+    def finite_kernel(self) -> FiniteKernel:
+        """Fresh arrays."""
+        ...
+
+
+@runtime_checkable
+class ContinuousEnvironment(VectorReward, Protocol):
+    """An environment that hands compiled reset and step functions over."""
+
+    def continuous_kernels(self) -> ContinuousKernels:
+        """Fresh constants, compiled functions."""
+        ...
+
+
+def function_type(signature: str) -> Any:
+    """The numba type of a function compiled for `signature`, as an argument of another compiled function."""
+    from numba import types
+    from numba.core import sigutils
+
+    arguments, result = sigutils.normalize_signature(signature)
+    return types.FunctionType(result(*arguments))
+
+
+def random_state(seed: np.random.SeedSequence) -> UInt64[np.ndarray, "4"]:
+    """State of the generator inside kernels, xoshiro256++ (`envs.random_stream`): four words of `seed`.
+
+    One per run, from `SeedSequence.spawn`; every kernel of a run advances it in place.
+    """
+    return seed.generate_state(4, np.uint64)
+
+
+def _require_compiled(name: str, kernel: Callable[..., Any], signature: str) -> None:
+    from numba.core import sigutils
+
+    compiled = getattr(kernel, "nopython_signatures", [])
+    wanted = sigutils.normalize_signature(signature)
+    if wanted not in [(found.args, found.return_type) for found in compiled]:
+        found = ", ".join(map(str, compiled)) or type(kernel).__name__
+        raise ValueError(f"{name} should be compiled by numba for {signature}; found {found}")

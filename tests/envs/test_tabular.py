@@ -1,0 +1,261 @@
+"""Laws of average rewards and policy gradients on finite MDPs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from envs import TabularMDP, random_mdp
+
+
+def softmax(parameters):
+    weights = np.exp(parameters - parameters.max(axis=-1, keepdims=True))
+    return weights / weights.sum(axis=-1, keepdims=True)
+
+
+@st.composite
+def cases(draw):
+    """A random MDP, softmax parameters, and the generator that made them."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    states, actions, channels = draw(st.integers(1, 5)), draw(st.integers(1, 4)), draw(st.integers(1, 4))
+    return random_mdp(rng, states, actions, channels), rng.standard_normal((states, actions)), rng
+
+
+@settings(max_examples=25)
+@given(cases())
+def test_average_rewards_are_what_a_long_chain_collects(case):
+    mdp, parameters, _ = case
+    policy = softmax(parameters)
+    d = mdp.stationary_distribution(policy)
+    np.testing.assert_allclose(d @ mdp.chain(policy), d, atol=1e-14)
+    far_ahead = np.linalg.matrix_power(mdp.chain(policy), 2**20)[mdp.start]
+    expected = [(far_ahead[:, None] * policy * channel).sum() for channel in mdp.rewards]
+    np.testing.assert_allclose(mdp.average_rewards(policy), expected, atol=1e-9)
+
+
+@settings(max_examples=25)
+@given(cases())
+def test_averages_and_gradients_are_linear_in_the_rewards(case):
+    mdp, parameters, rng = case
+    policy, mix = softmax(parameters), rng.standard_normal((2, mdp.reward_channels))
+    mixed = TabularMDP(mdp.transitions, np.tensordot(mix, mdp.rewards, 1))
+    np.testing.assert_allclose(mixed.average_rewards(policy), mix @ mdp.average_rewards(policy), atol=1e-12)
+    expected = np.tensordot(mix, mdp.policy_gradients(policy), 1)
+    np.testing.assert_allclose(mixed.policy_gradients(policy), expected, atol=1e-12)
+
+
+@settings(max_examples=25)
+@given(cases())
+def test_policy_gradients_agree_with_central_differences(case):
+    mdp, parameters, _ = case
+    gradients = mdp.policy_gradients(softmax(parameters))
+    h = 1e-5
+    for state, action in np.ndindex(parameters.shape):
+        nudge = np.zeros_like(parameters)
+        nudge[state, action] = h
+        ahead, behind = (mdp.average_rewards(softmax(parameters + sign * nudge)) for sign in (1, -1))
+        np.testing.assert_allclose(gradients[:, state, action], (ahead - behind) / (2 * h), atol=1e-7)
+
+
+@settings(max_examples=25)
+@given(cases(), st.floats(0, 1), st.sampled_from(["paper", "usual"]))
+def test_gradients_sum_to_zero_over_the_actions_of_a_state(case, trace_decay, convention):
+    mdp, parameters, _ = case
+    gradients = mdp.discounted_score_gradients(softmax(parameters), trace_decay, convention)
+    np.testing.assert_allclose(gradients.sum(axis=-1), 0, atol=1e-13)
+
+
+@settings(max_examples=25)
+@given(cases())
+def test_constant_rewards_have_no_gradient_and_shifts_change_none(case):
+    mdp, parameters, _ = case
+    shifted = TabularMDP(mdp.transitions, mdp.rewards + 5)
+    for trace_decay in (0.7, 1.0):
+        np.testing.assert_allclose(
+            shifted.discounted_score_gradients(softmax(parameters), trace_decay),
+            mdp.discounted_score_gradients(softmax(parameters), trace_decay),
+            atol=1e-12,
+        )
+
+
+def test_policy_gradients_hold_for_periodic_and_unichain_policies():
+    # Around the cycle 0 → 1 → 2 → 0 whatever is done; only the rewards depend on the action.
+    cycle = np.repeat(np.roll(np.eye(3), 1, axis=1)[:, None, :], 2, axis=1)
+    mdp = TabularMDP(cycle, [[[1, 0], [0, 2], [3, 3]]])
+    expected = [[[1 / 12, -1 / 12], [-1 / 6, 1 / 6], [0, 0]]]
+    np.testing.assert_allclose(mdp.policy_gradients(np.full((3, 2), 0.5)), expected, atol=1e-15)
+    # State 0 is left for ever: what is done there changes no average.
+    leaving = TabularMDP([[[0, 1], [0, 1]], [[0, 1], [0, 1]]], [[[9, -9], [1, 0]]])
+    np.testing.assert_allclose(leaving.policy_gradients(np.full((2, 2), 0.5)), [[[0, 0], [0.25, -0.25]]], atol=1e-15)
+
+
+def score_weighted_sums(mdp, policy, weights):
+    """Σₖ cₖ E[ψ_t r_{t+k}] from the definition: walk the joint distribution of (x_t, u_t) and x_{t+k}."""
+    d, P = mdp.stationary_distribution(policy), mdp.chain(policy)
+    expected_reward = (policy * mdp.rewards).sum(axis=-1)
+    total = np.zeros(mdp.rewards.shape)
+    for x, u in np.ndindex(policy.shape):
+        score = np.zeros(policy.shape)
+        score[x] = -policy[x]
+        score[x, u] += 1
+        ahead, later = mdp.transitions[x, u], weights[0] * mdp.rewards[:, x, u]
+        for weight in weights[1:]:
+            later = later + weight * (expected_reward @ ahead)
+            ahead = ahead @ P
+        total += d[x] * policy[x, u] * later[:, None, None] * score
+    return total
+
+
+@pytest.mark.parametrize("trace_decay", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("convention", ["paper", "usual"])
+def test_discounted_score_gradients_are_the_sum_over_delays(trace_decay, convention):
+    powers = trace_decay ** np.arange(400)
+    weights = np.append(1, powers) if convention == "paper" else powers
+    rng = np.random.default_rng(3)
+    for states, actions in [(1, 3), (3, 3), (4, 2)]:
+        mdp, policy = random_mdp(rng, states, actions, 3), rng.dirichlet(np.ones(actions), size=states)
+        answer = mdp.discounted_score_gradients(policy, trace_decay, convention)
+        np.testing.assert_allclose(answer, score_weighted_sums(mdp, policy, weights), atol=1e-13)
+
+
+@pytest.mark.parametrize("convention", ["paper", "usual"])
+def test_the_limit_without_discount_is_the_exact_gradient(convention):
+    rng = np.random.default_rng(4)
+    mdp, policy = random_mdp(rng, 4, 3, 2), rng.dirichlet(np.ones(3), size=4)
+    exact = mdp.policy_gradients(policy)
+    bias = [np.abs(mdp.discounted_score_gradients(policy, b, convention) - exact).max() for b in (0.9, 0.99, 0.999)]
+    assert bias[0] > 5 * bias[1] > 25 * bias[2] > 0
+    assert mdp.discounted_score_gradients(policy, 1.0, convention).tolist() == exact.tolist()
+
+
+def simulated_estimates(mdp, policy, trace_decay, rng, *, chains, steps, settle):
+    """Per chain, the mean of r_{t+1}(z_{t+1} + ψ_{t+1}) and of r_{t+1} z_{t+2}, z_{t+1} = βz_t + ψ_t, as printed."""
+    everyone = np.arange(chains)
+    x = rng.choice(mdp.states, size=chains, p=mdp.stationary_distribution(policy))
+    z = np.zeros((chains, *policy.shape))
+    sums = np.zeros((2, chains, *mdp.rewards.shape))
+    for step in range(settle + steps):
+        u = (rng.random(chains)[:, None] > np.cumsum(policy, axis=1)[x]).sum(axis=1)
+        score = np.zeros_like(z)
+        score[everyone, x] = -policy[x]
+        score[everyone, x, u] += 1
+        if step >= settle:
+            reward = mdp.rewards[:, x, u].T[:, :, None, None]
+            sums[0] += reward * (z + score)[:, None]
+            sums[1] += reward * (trace_decay * z + score)[:, None]
+        z = trace_decay * z + score
+        x = (rng.random(chains)[:, None] > np.cumsum(mdp.transitions, axis=2)[x, u]).sum(axis=1)
+    return sums / steps
+
+
+def test_a_long_simulation_of_the_printed_update_agrees_within_standard_errors():
+    rng = np.random.default_rng(20240)
+    mdp, policy = random_mdp(rng, 3, 2, 2), rng.dirichlet(np.full(2, 3.0), size=3)
+    both = simulated_estimates(mdp, policy, 0.6, rng, chains=2000, steps=200, settle=40)
+    for estimates, convention in zip(both, ("paper", "usual"), strict=True):
+        error = estimates.mean(axis=0) - mdp.discounted_score_gradients(policy, 0.6, convention)
+        standard_error = estimates.std(axis=0, ddof=1) / np.sqrt(len(estimates))
+        assert (np.abs(error) <= 5 * standard_error + 1e-12).all()
+        # The test can tell the conventions apart: the other one is off by many standard errors somewhere.
+        other = mdp.discounted_score_gradients(policy, 0.6, "usual" if convention == "paper" else "paper")
+        assert (np.abs(estimates.mean(axis=0) - other) > 10 * standard_error).any()
+
+
+def test_a_stack_of_policies_is_answered_policy_by_policy():
+    rng = np.random.default_rng(5)
+    mdp = random_mdp(rng, 3, 2, 4)
+    stack = rng.dirichlet(np.ones(2), size=(2, 5, 3))
+    averages, gradients = mdp.average_rewards(stack), mdp.discounted_score_gradients(stack, 0.9)
+    assert averages.shape == (2, 5, 4)
+    assert gradients.shape == (2, 5, 4, 3, 2)
+    for place in np.ndindex(2, 5):
+        np.testing.assert_allclose(averages[place], mdp.average_rewards(stack[place]), rtol=1e-13)
+        one = mdp.discounted_score_gradients(stack[place], 0.9)
+        np.testing.assert_allclose(gradients[place], one, atol=1e-14)
+
+
+def test_a_policy_with_several_recurrent_classes_is_refused_everywhere():
+    stay_or_swap = TabularMDP([[[1, 0], [0, 1]], [[0, 1], [1, 0]]], np.zeros((2, 2, 2)))
+    stay = [[1, 0], [1, 0]]
+    for question in ("stationary_distribution", "average_rewards", "policy_gradients"):
+        with pytest.raises(ValueError, match=r"one recurrent class.*states \[0\] and \[1\]"):
+            getattr(stay_or_swap, question)(stay)
+
+
+GOOD = np.full((2, 2, 2), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("transitions", "rewards", "start", "message"),
+    [
+        (np.full((2, 2, 3), 1 / 3), np.zeros((1, 2, 2)), 0, "transitions should have shape"),
+        (np.zeros((0, 2, 0)), np.zeros((1, 0, 2)), 0, "transitions should have shape"),
+        (GOOD * 1.1, np.zeros((1, 2, 2)), 0, "transitions should sum to 1"),
+        (np.full((2, 2, 2), [1.1, -0.1]), np.zeros((1, 2, 2)), 0, "transitions should hold probabilities"),
+        (GOOD * np.nan, np.zeros((1, 2, 2)), 0, "transitions should have no NaN"),
+        (GOOD * np.inf, np.zeros((1, 2, 2)), 0, "transitions should be finite"),
+        (GOOD * 1j, np.zeros((1, 2, 2)), 0, "transitions should be an array of real numbers"),
+        ([[1], [1, 2]], np.zeros((1, 2, 2)), 0, "transitions should be a rectangular array"),
+        (GOOD, np.zeros((2, 2)), 0, "rewards should have shape"),
+        (GOOD, np.zeros((0, 2, 2)), 0, "rewards should have shape"),
+        (GOOD, np.zeros((1, 2, 3)), 0, "rewards should have shape"),
+        (GOOD, np.full((1, 2, 2), -np.inf), 0, "rewards should be finite"),
+        (GOOD, [[["a", "b"], ["c", "d"]]], 0, "rewards should be an array of real numbers"),
+        (GOOD, np.zeros((1, 2, 2)), 2, "start should be in 0 … 1"),
+        (GOOD, np.zeros((1, 2, 2)), -1, "start should be in 0 … 1"),
+        (GOOD, np.zeros((1, 2, 2)), 0.5, "start should be an integer"),
+    ],
+)
+def test_an_impossible_mdp_is_refused(transitions, rewards, start, message):
+    with pytest.raises(ValueError, match=message):
+        TabularMDP(transitions, rewards, start)
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (np.full((2, 3), 1 / 3), "policy should have shape"),
+        (np.full(2, 0.5), "policy should have shape"),
+        ([[0.5, 0.4], [0.5, 0.5]], r"policy should sum to 1 .* found 0.9 at \[0\]"),
+        ([[1.5, -0.5], [0.5, 0.5]], "policy should hold probabilities ≥ 0; found -0.5"),
+        ([[np.nan, 1], [0.5, 0.5]], "policy should have no NaN"),
+    ],
+)
+def test_a_table_that_is_no_policy_is_refused(policy, message):
+    with pytest.raises(ValueError, match=message):
+        TabularMDP(GOOD, np.zeros((1, 2, 2))).average_rewards(policy)
+
+
+@pytest.mark.parametrize("trace_decay", [-0.1, 1.1, np.nan, "0.9"])
+def test_a_trace_decay_outside_the_unit_interval_is_refused(trace_decay):
+    with pytest.raises(ValueError, match=r"trace_decay should be a number in \[0, 1\]"):
+        TabularMDP(GOOD, np.zeros((1, 2, 2))).discounted_score_gradients(np.full((2, 2), 0.5), trace_decay)
+
+
+def test_an_unknown_convention_is_refused():
+    with pytest.raises(ValueError, match="convention should be 'paper' or 'usual'"):
+        TabularMDP(GOOD, np.zeros((1, 2, 2))).discounted_score_gradients(np.full((2, 2), 0.5), 0.9, "baxter")
+
+
+def test_an_mdp_keeps_its_own_read_only_arrays():
+    transitions, rewards = GOOD.copy(), np.ones((1, 2, 2))
+    mdp = TabularMDP(transitions, rewards)
+    transitions[:], rewards[:] = 7, 7
+    assert mdp.transitions.tolist() == GOOD.tolist()
+    assert mdp.rewards.tolist() == np.ones((1, 2, 2)).tolist()
+    with pytest.raises(ValueError, match="read-only"):
+        mdp.transitions[0, 0, 0] = 1
+
+
+def test_random_mdps_are_ergodic_and_repeat_with_their_seed():
+    one, same, other = (random_mdp(np.random.default_rng(seed), 4, 3, 2) for seed in (1, 1, 2))
+    assert (one.transitions > 0).all()
+    assert one.rewards.shape == (2, 4, 3)
+    assert one.transitions.tolist() == same.transitions.tolist() != other.transitions.tolist()
+    assert one.rewards.tolist() == same.rewards.tolist() != other.rewards.tolist()
+
+
+@pytest.mark.parametrize("sizes", [(0, 1, 1), (1, 0, 1), (1, 1, 0), (2.5, 1, 1)])
+def test_random_mdps_need_at_least_one_of_everything(sizes):
+    with pytest.raises(ValueError, match="should be an integer ≥ 1"):
+        random_mdp(np.random.default_rng(0), *sizes)
