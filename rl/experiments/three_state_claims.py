@@ -40,7 +40,7 @@ def cpgrl_satisfies_early(evidence: Evidence) -> Claim:
 def cpgrl_spread_small(evidence: Evidence) -> Claim:
     """Spread of ρ² … ρ⁴ ≤ SMALL at every record since SETTLED."""
     learned = evidence.curves["cpgrl"]
-    since = learned.since(SETTLED)
+    since, settled = learned.since(SETTLED), evidence.moment(SETTLED)
     exact, estimated = (float(spread(values)[since, 1:].max()) for values in (learned.exact, learned.estimated))
     return Claim(
         "cpgrl-spread-small",
@@ -49,10 +49,10 @@ def cpgrl_spread_small(evidence: Evidence) -> Claim:
         {
             "exact_spread": exact,
             "estimated_spread": estimated,
-            "from_episode": evidence.moment(SETTLED),
+            "from_episode": settled,
             "at_most": SMALL,
         },
-        f"largest sd of ρ²…ρ⁴ from episode {evidence.moment(SETTLED)} on: exact {exact:.4f} (≤ {SMALL} asked), "
+        f"largest sd of ρ²…ρ⁴ from episode {settled} on: exact {exact:.4f} (≤ {SMALL} asked), "
         f"estimated {estimated:.4f}",
         exact <= SMALL,
     )

@@ -19,6 +19,14 @@ from .three_state_claims import three_state_claims
 from .three_state_evidence import Evidence
 from .three_state_figures import averages_figure, policies_figure
 
+# What a step counts (cpgrl_opt.StepResult), in words.
+_EVENTS = {
+    "infeasible": "infeasible subproblems",
+    "fallback": "subproblems handed to active-set",
+    "skipped": "updates left out for want of a certified direction",
+    "dropped": "constraints dropped (§2.3)",
+    "capped": "restorations shortened",
+}
 FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg")
 
 
@@ -63,9 +71,12 @@ def _load() -> None:
 
 def clear(directory: Path) -> None:
     """The directory, without results of an earlier run: those of two runs never lie side by side."""
-    directory.mkdir(parents=True, exist_ok=True)
-    for name in FILES:
-        (directory / name).unlink(missing_ok=True)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for name in FILES:
+            (directory / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise ValueError(f"out should be a directory to write into; found {directory} ({error.strerror})") from error
 
 
 def evidence(results: ThreeStateResults) -> Evidence:
@@ -100,11 +111,9 @@ def remarks(done: Reproduction) -> list[str]:
         f"{outcomes['cpgrl'].steps_per_second / 1e6:.1f} M steps/s. Wall time {done.seconds['total']:.1f} s: "
         f"training {done.seconds['training']:.1f} s, figures {done.seconds['figures']:.1f} s."
     ]
-    counted = {name: count for name, count in outcomes["cpgrl"].counts.items() if count}
+    counted = [f"{count} {_EVENTS[name]}" for name, count in outcomes["cpgrl"].counts.items() if count]
     if counted:
-        updates = settings.runs * settings.episodes
-        listed = ", ".join(f"{name} {count}" for name, count in counted.items())
-        lines.append(f"CPGRL counted in {updates} updates: {listed}.")
+        lines.append(f"In {settings.runs * settings.episodes} updates of CPGRL: {', '.join(counted)}.")
     if settings.formulation not in cases(settings.step().solver):
         lines.append(
             f"The solver {settings.solver} does not take the formulation {settings.formulation}: "

@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from threading import Thread
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
@@ -31,14 +32,11 @@ def run_tasks(
     """[task(item, report) for each item], in the order of the items, on up to `processes` worker processes.
 
     With one process everything runs here. Workers are spawned, so task, items, messages and results are pickled;
-    an exception of a task is raised here, and no worker outlives the call, whatever ends it. `meanwhile` is called
-    once, here: while the workers start, or at the end where there are none.
+    an exception of a task is raised here, and no worker outlives the call, whatever ends it. `meanwhile`, preparation
+    for what follows, runs in a thread as soon as a worker, and with it a core, has nothing left to do.
     """
     if min(processes, len(items)) <= 1:
-        results = [task(item, listen) for item in items]
-        if meanwhile is not None:
-            meanwhile()
-        return results
+        return [task(item, listen) for item in items]
     crew = [_Worker(task) for _ in range(min(processes, len(items)))]
     try:
         return _shared_out(crew, items, listen, meanwhile)
@@ -54,8 +52,6 @@ def _shared_out(
     waiting = list(enumerate(items))
     for worker in crew:
         worker.assign(*waiting.pop(0))
-    if meanwhile is not None:
-        meanwhile()
     while len(results) < len(items):
         for worker in _with_news(crew):
             kind, content = worker.receive()
@@ -67,8 +63,11 @@ def _shared_out(
             results[worker.position] = content
             if waiting:
                 worker.assign(*waiting.pop(0))
-            else:
-                worker.busy = False
+                continue
+            worker.busy = False
+            if meanwhile is not None:
+                Thread(target=meanwhile, daemon=True).start()
+                meanwhile = None
     return [results[position] for position in range(len(items))]
 
 
