@@ -58,15 +58,18 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     d, mu = np.asarray(direction.value, dtype=np.float64), np.asarray(direction.multipliers, dtype=np.float64)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
-    if not (np.isfinite(d).all() and np.isfinite(mu).all()):
+    sigma = max(_norm(problem.gradient), _norm(d)) if np.isfinite(d).all() and np.isfinite(mu).all() else np.inf
+    if sigma == np.inf:
         return KKTResiduals(np.inf, np.inf, np.inf, np.inf)
     rows = unit_rows(problem.jacobian)
-    sigma = max(_norm(problem.gradient), _norm(d))
     bound = rows.per_length(problem.bound)
     if sigma == 0.0:  # g = d = 0: nothing to be relative to
         violated = np.where(problem.equality, bound != 0, bound > 0).any()
         return KKTResiduals(0.0, np.inf if violated else 0.0, 0.0, 0.0)
-    return _relative_residuals(problem, rows.jacobian, (bound, rows.times_length(mu, sigma)), d, sigma)
+    mu = rows.times_length(mu, sigma)
+    if not np.isfinite(mu).all():  # overflows in units of σ
+        return KKTResiduals(np.inf, np.inf, np.inf, np.inf)
+    return _relative_residuals(problem, rows.jacobian, (bound, mu), d, sigma)
 
 
 def _relative_residuals(
@@ -78,7 +81,8 @@ def _relative_residuals(
 ) -> KKTResiduals:
     bound, mu = bound_and_multipliers
     d, g = d / sigma, problem.gradient / sigma
-    slack = jacobian @ d - bound / sigma
+    with np.errstate(over="ignore"):
+        slack = jacobian @ d - bound / sigma
     inequality = ~problem.equality
     allowance = min(8 * _EPS * float(np.abs(mu).sum()), 1e-5)
     return KKTResiduals(

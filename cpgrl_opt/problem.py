@@ -148,8 +148,9 @@ class UnitRows:
 
     def times_length(self, values: Multipliers, scale: float = 1.0) -> Multipliers:
         """valuesᵢ · ‖Jᵢ‖ / scale, the division first."""
-        with np.errstate(over="ignore", under="ignore"):
-            return values * (self.largest / scale) * self.relative
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            product = values * (self.largest / scale) * self.relative
+        return np.where(values == 0, 0.0, product)
 
 
 def unit_rows(jacobian: Jacobian) -> UnitRows:
@@ -161,7 +162,8 @@ def unit_rows(jacobian: Jacobian) -> UnitRows:
 def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
     """‖v‖₂ along the last axis, by the largest entry first: 1e±170 neither over- nor underflows."""
     _, largest, relative = _largest_first(vectors)
-    return np.asarray(largest * relative)
+    with np.errstate(over="ignore"):  # infinite beyond 1.8e308: callers refuse it
+        return np.asarray(largest * relative)
 
 
 def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

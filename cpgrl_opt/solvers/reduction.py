@@ -68,7 +68,7 @@ class ScaledProblem:
         """μᵢ = μ̂ᵢ s / ‖Jᵢ‖ on the kept rows, 0 elsewhere; (m,). The quotient first, so that 1e±170 passes."""
         answer = np.zeros(self.problem.m)
         kept = self.kept
-        with np.errstate(over="ignore", under="ignore"):
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             ratio = self.scale / self.unit.largest[kept] / self.unit.relative[kept]
             answer[kept] = np.where(multipliers == 0.0, 0.0, multipliers * ratio)
         return answer
