@@ -120,7 +120,7 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
 
 
 def _zero_row_impossible(problem: DirectionProblem, y: Multipliers) -> Mask:
-    return np.where(problem.equality, problem.bound * y > 0, problem.bound > 0)
+    return np.where(problem.equality, np.sign(problem.bound) * y > 0, problem.bound > 0)
 
 
 def _norm(vector: np.ndarray) -> float:
