@@ -126,7 +126,13 @@ def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionPro
     batch: Any = getattr(solver, "solve_batch", None)
     if batch is None or not all(supports(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
-    together = batch(problems)
+    try:
+        together = batch(problems)
+    except Exception as error:
+        raise LawBroken(
+            f"solve_batch should answer {len(problems)} valid problems; it raised {type(error).__name__}: {error}"
+            f"{described(problems[0])}"
+        ) from error
     if len(together) != len(problems):
         raise LawBroken(f"solve_batch should return {len(problems)} directions; found {len(together)}")
     for k, problem in enumerate(problems):

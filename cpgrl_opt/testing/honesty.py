@@ -19,7 +19,7 @@ from .law import (
     optimum_of,
     require_at_most,
 )
-from .sensitivity import distance_bound, hoffman_constant
+from .sensitivity import hoffman_constant, relative_distance
 
 
 
@@ -73,15 +73,16 @@ def check_infeasible_is_called_infeasible(solver: DirectionSolver, problem: Dire
 def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """The direction of an INFEASIBLE answer minimises ‖r‖, r = (b̂ − Ĵd)₊ (signed on E), and is the nearest such to g.
 
-    Least: ‖Ĵᵀr‖ ≤ (1 + m) ε s, s = max(‖g‖, ‖d‖, b̂₊, |b̂| on E), the gradient of the convex ½‖r‖². Then ‖r − r*‖ ≤ 2H(1 + m)εs.
-    Nearest: ‖d − p(g)‖ ≤ (1 + 2H)(1 + m) · `distance_bound`(ε + its ε), p the projection by `enumeration` onto
-    {Ĵd ≥ b̂ − r}. `problem` should be infeasible without zero rows. Source: Censor & Elfving 1982; design of INFEASIBLE.
+    Least: ‖Ĵᵀr‖ ≤ (1 + m) ε s, the gradient of the convex ½‖r‖², s = max(‖g‖, ‖d‖, b̂₊, |b̂| on E); so r is within
+    2H(1 + m)εs of the least one. Nearest: d is within (1 + 2H)(1 + m) · `relative_distance`(ε + its ε) · s of
+    `enumeration`'s projection of g onto {Ĵd ≥ b̂ − r}. `problem` should be infeasible; by a zero row: skipped.
+    Source: Hoffman's bound and strong convexity in r; Censor & Elfving 1982.
     """
     answer = _infeasible(solver, problem)
     rows = unit_rows(problem.jacobian)
-    if not (rows.largest > 0).all():
-        raise NothingClaimed(Outcome.SKIPPED)
     bound = rows.per_length(problem.bound)
+    if (bound == np.inf).any() or (problem.equality & ~np.isfinite(bound)).any():
+        raise NothingClaimed(Outcome.SKIPPED)
     lack = bound - rows.jacobian @ answer.value
     lack = np.where(problem.equality, lack, np.maximum(lack, 0.0))
     required = np.where(problem.equality, np.abs(bound), np.maximum(bound, 0.0))
@@ -94,11 +95,11 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
         problem,
         answer,
     )
-    _require_nearest(solver, problem, answer, rows.times_length(lack))
+    _require_nearest(solver, problem, answer, rows.times_length(lack), unit)
 
 
 def _require_nearest(
-    solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray
+    solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray, unit: float
 ) -> None:
     oracle = SOLVERS["enumeration"]
     relaxed = DirectionProblem(problem.gradient, problem.jacobian, problem.bound - lack, problem.equality)
@@ -106,9 +107,9 @@ def _require_nearest(
     epsilon = tolerance_of(solver) + tolerance_of(oracle)
     factor = (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
     require_at_most(
-        length(answer.value - nearest.value),
-        factor * distance_bound(relaxed, epsilon, answer.value, nearest.value),
-        "‖d − p(g)‖, p(g) the direction nearest to g of those that violate least",
+        length(answer.value - nearest.value) / unit,
+        factor * relative_distance(relaxed, epsilon),
+        "‖d − p(g)‖ / s, p(g) the direction nearest to g of those that violate least",
         "Of all directions that violate the constraints least, take the one nearest to the gradient.",
         problem,
         answer,

@@ -23,6 +23,7 @@ from .strategies import (
     direction_problems,
     infeasible_problems,
     integers,
+    orders,
     row_factors,
 )
 
@@ -102,7 +103,7 @@ def _with_gradient(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 @st.composite
 def _with_order(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     problem = draw(well_posed_problems(cases))
-    return {"problem": problem, "order": np.array(draw(st.permutations(range(problem.m))), dtype=np.intp)}
+    return {"problem": problem, "order": orders(draw, problem.m)}
 
 
 @st.composite

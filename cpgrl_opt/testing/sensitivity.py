@@ -39,8 +39,13 @@ def hoffman_constant(problem: DirectionProblem) -> float:
     return largest
 
 
-def distance_bound(problem: DirectionProblem, residual: float, *directions: np.ndarray) -> float:
-    """‖d − d*‖ for any d with KKT residuals ≤ residual, as the module's head derives; σ includes all `directions`."""
+def relative_distance(problem: DirectionProblem, residual: float) -> float:
+    """(1 + 2m + √m H) ε′ of the module's head: ‖d − d*‖/σ for any d with KKT residuals ≤ residual."""
     H, m = hoffman_constant(problem), problem.m
+    return float((1 + 2 * m + np.sqrt(m) * H) * (residual + 16 * max(m, 1) * H * _EPS))
+
+
+def distance_bound(problem: DirectionProblem, residual: float, *directions: np.ndarray) -> float:
+    """‖d − d*‖ for any d with KKT residuals ≤ residual; σ = max(‖g‖, ‖d‖) over all `directions`."""
     sigma = max(length(vector) for vector in (problem.gradient, *directions))
-    return (1 + 2 * m + np.sqrt(m) * H) * (residual + 16 * max(m, 1) * H * _EPS) * sigma
+    return relative_distance(problem, residual) * sigma

@@ -4,13 +4,13 @@ Entries are small integers, so that dependent rows are dependent exactly, degene
 counterexample shrinks to numbers that a person can check by hand.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from enum import StrEnum
 from typing import Any, TypeVar
 
 import numpy as np
 from hypothesis import strategies as st
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..problem import DirectionProblem
 
@@ -21,6 +21,7 @@ Choice = T | tuple[T, T] | st.SearchStrategy[T]
 LARGEST_ENTRY = 9
 # Few shapes (n, m): modelling languages compile anew for each. The smallest first: Hypothesis shrinks to it.
 SHAPES = ((2, 1), (2, 3), (9, 3), (3, 5))
+DEPENDENT_SHAPES = tuple(shape for shape in SHAPES if shape[1] >= 3)
 
 
 class Case(StrEnum):
@@ -63,7 +64,7 @@ def direction_problems(
     conditioning: σ₁(J)/σᵣ(J) ≥ 1, before the rows are scaled; else whatever small integers have.
     scale c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d. row_scale r: rows (and bounds) times 1/r, 1 or r.
     conflict: how many constraints bind at the optimum, which is then planted: g = d − Jᵀμ. At most the rank.
-    feasible: False makes b miss {Jd} by at least 1e-3 max|b̂| and needs m ≥ 1 and a case with bounds.
+    feasible: False makes b miss {Jd} by at least 1e-3 max|b̂|; needs m ≥ 1 and a case with bounds, and takes n and m only.
     cases: which of `Case` to draw from.
     """
     shape = _shape(draw, n, m)
@@ -102,26 +103,38 @@ def members(name: str, cases: Collection[Case], possible: Collection[Case]) -> l
     return both
 
 
-def integers(draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY) -> Float[np.ndarray, "..."]:
-    """Integers lowest … 9 as floats."""
-    size = int(np.prod(shape))
-    entries = draw(st.lists(st.integers(lowest, LARGEST_ENTRY), min_size=size, max_size=size))
-    return np.array(entries, dtype=np.float64).reshape(shape)
+def integers(
+    draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY, largest: int = LARGEST_ENTRY
+) -> Float[np.ndarray, "..."]:
+    """Integers lowest … largest as floats: 0 (or lowest ≥ 0) first, then 1, −1, 2, −2 …"""
+    if lowest < 0:
+        values = [0.0, *(float(sign * k) for k in range(1, largest + 1) for sign in (1, -1))]
+    else:
+        values = [float(k) for k in range(lowest, largest + 1)]
+    return picks(draw, int(np.prod(shape)), values).reshape(shape)
+
+
+def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
+    """`count` of the options, the first being the simplest; one draw of bytes, twenty times faster than one for each."""
+    numbers = np.frombuffer(draw(st.binary(min_size=count, max_size=count)), dtype=np.uint8)
+    return np.array(options, dtype=np.float64)[numbers % len(options)]
+
+
+def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
+    """A permutation of 0 … count − 1, the identity being the simplest."""
+    keys = draw(st.binary(min_size=count, max_size=count))
+    return np.argsort(np.frombuffer(keys, dtype=np.uint8), kind="stable")
 
 
 def integer_rows(draw: st.DrawFn, n: int, m: int, rank: int | None = None) -> Float[np.ndarray, "m n"]:
-    """J of small integers; of exactly the rank given, rows beyond it being sums of two of the others."""
+    """J of small integers; of exactly the rank given, rows beyond it being sums of the others."""
     if rank is None:
-        return integers(draw, m, n)
+        return integers(draw, m, n, largest=draw(st.sampled_from((LARGEST_ENTRY, 2))))
     rows = np.zeros((m, n))
-    rows[:rank] = np.eye(rank, n) * draw(st.integers(1, LARGEST_ENTRY))
-    upper = np.triu(integers(draw, rank, n), 1)
-    rows[:rank] += upper
-    for i in range(rank, m if rank > 0 else rank):
-        first, second = draw(st.tuples(*[st.integers(0, rank - 1)] * 2))
-        rows[i] = rows[first] + draw(st.sampled_from((1.0, -1.0))) * rows[second]
-    order = draw(st.permutations(range(m)))
-    return rows[order]
+    rows[:rank] = np.eye(rank, n) * draw(st.integers(1, LARGEST_ENTRY)) + np.triu(integers(draw, rank, n), 1)
+    if 0 < rank < m:
+        rows[rank:] = integers(draw, m - rank, rank, largest=1) @ rows[:rank]
+    return rows[orders(draw, m)]
 
 
 def conditioned_rows(
@@ -164,12 +177,11 @@ def infeasible_problems(
 
     The last of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ with tᵢ > ‖Jᵢ‖ or a 32nd of it.
     """
-    shape = _shape(draw, n, m)
+    shape = _shape(draw, n, m, DEPENDENT_SHAPES)
     case = draw(st.sampled_from(members("cases of infeasible problems", cases, SHIFTED_CASES)))
     jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0])
-    k = draw(st.integers(1, min(shape[1], shape[0] + 1)))
-    weights = draw(st.lists(st.integers(1, 3), min_size=k - 1, max_size=k - 1))
-    jacobian[k - 1] = -np.array(weights, dtype=np.float64) @ jacobian[: k - 1]
+    k = min(draw(st.sampled_from((2, 3, 1))), shape[1], shape[0] + 1)
+    jacobian[k - 1] = -picks(draw, k - 1, (1.0, 2.0, 3.0)) @ jacobian[: k - 1]
     bound = jacobian @ point - _slacks(draw, shape[1])
     excess = np.ceil(np.sqrt((jacobian[:k] ** 2).sum(axis=1))) + 1.0
     bound[:k] = jacobian[:k] @ point + excess * draw(st.sampled_from((1.0, 1 / 32)))
@@ -181,8 +193,7 @@ def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, 
     """1, row_scale or 1/row_scale for each row."""
     if row_scale == 1.0:
         return np.ones(m)
-    factors = st.sampled_from((1.0, row_scale, 1.0 / row_scale))
-    return np.array(draw(st.lists(factors, min_size=m, max_size=m)), dtype=np.float64)
+    return picks(draw, m, (1.0, row_scale, 1.0 / row_scale))
 
 
 def rescaled(
@@ -197,9 +208,14 @@ def rescaled(
     )
 
 
-def _shape(draw: st.DrawFn, n: Choice[int] | None, m: Choice[int] | None) -> tuple[int, int]:
+def _shape(
+    draw: st.DrawFn,
+    n: Choice[int] | None,
+    m: Choice[int] | None,
+    shapes: Sequence[tuple[int, int]] = SHAPES,
+) -> tuple[int, int]:
     if n is None and m is None:
-        return draw(st.sampled_from(SHAPES))
+        return draw(st.sampled_from(shapes))
     return chosen(draw, 3 if n is None else n), chosen(draw, 3 if m is None else m)
 
 
@@ -210,8 +226,7 @@ def _equalities(draw: st.DrawFn, m: int, case: Case) -> Bool[np.ndarray, "m"]:
 
 
 def _slacks(draw: st.DrawFn, m: int, lowest: int = 0) -> Float[np.ndarray, "m"]:
-    slack = st.sampled_from((float(lowest), 1.0, 5.0, 40.0, float("inf")))
-    return np.array(draw(st.lists(slack, min_size=m, max_size=m)), dtype=np.float64)
+    return picks(draw, m, (float(lowest), 1.0, 5.0, 40.0, float("inf")))
 
 
 def _independent(jacobian: Float[np.ndarray, "m n"], count: int) -> Bool[np.ndarray, "m"]:

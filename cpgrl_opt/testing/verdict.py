@@ -10,7 +10,7 @@ from .examination import examine
 from .law import LawBroken
 from .laws import LAWS, Law
 
-# A solver may give up on this part of the problems that float64 determines.
+# A solver may give up on this part of the problems that float64 determines, and on one in any case.
 MOST_DECLINED = 0.05
 
 
@@ -120,8 +120,8 @@ def check_direction_solver(
 
     expected_failures: name of a check → why it is bound to fail; such failures are counted and excused.
     max_examples: problems a check. seed: the same seed draws the same problems. checks: names, all if None.
-    A check fails when the law breaks once, when the solver declines more than 5 % of the problems that float64
-    determines, or when it ran on none although the solver declares to take some. Raises ValueError for unknown names.
+    A check fails when the law breaks once, when the solver declines more than 5 % (and more than one) of the problems
+    that float64 determines, or when it ran on none although the solver declares to take some. Raises ValueError for unknown names.
     """
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):
@@ -144,7 +144,7 @@ def check_law(
     problem = found.message
     if not problem and found.run == 0:
         problem = "no problem was run: `supports` took none of those drawn although it takes such cases."
-    elif not problem and not law.may_decline and found.declined > MOST_DECLINED * found.run:
+    elif not problem and not law.may_decline and found.declined > max(1.0, MOST_DECLINED * found.run):
         problem = (
             f"declined {found.declined} of {found.run} problems that float64 determines, more than "
             f"{MOST_DECLINED:.0%}: answer them, or let `supports` say that they are not taken."
