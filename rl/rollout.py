@@ -36,13 +36,26 @@ def episode(environment: Any, policy: Policy, rng: np.random.Generator, limit: i
         observation = following
 
 
-def require_gymnasium(environment: Any) -> None:
-    """ValueError unless `environment` has reset and step."""
+def reward_channels(environment: Any) -> int:
+    """1 + m of a Gymnasium environment with a vector reward; ValueError for anything else.
+
+    Read from `reward_channels` (envs.interface) or from the shape of `reward_space` (MO-Gymnasium).
+    """
     if not (callable(getattr(environment, "reset", None)) and callable(getattr(environment, "step", None))):
         raise ValueError(
             "environment should be a Gymnasium environment (reset, step), or a finite MDP (finite_kernel) with a "
             f"SoftmaxTable; found {type(environment).__name__}"
         )
+    inner = getattr(environment, "unwrapped", environment)
+    if hasattr(inner, "reward_channels"):
+        return int(inner.reward_channels)
+    shape = getattr(getattr(inner, "reward_space", None), "shape", None)
+    if shape is None or len(shape) != 1:
+        raise ValueError(
+            "environment should have a reward_space of shape (1 + m,), as in MO-Gymnasium; found "
+            f"{shape or 'none'} in {type(inner).__name__}"
+        )
+    return int(shape[0])
 
 
 def _vector(reward: Any) -> Float[np.ndarray, "channels"]:

@@ -17,11 +17,13 @@ from .policies import Policy
 from .policies.interface import require_count
 from .streams import run_indices, run_streams
 
+_ADVICE = "Lower the rates, or set the step's ridge or max_restoration"
+
 Initial = Callable[[np.random.Generator], Vector]
 
 
 class DivergenceError(FloatingPointError):
-    """An estimate is not finite: the run cannot go on."""
+    """An estimate or θ is not finite: the run cannot go on."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,7 +65,7 @@ def train(
     initial: draws a run's first θ from the run's own stream; the policy's θ for every run if not given.
     observe: sees every direction problem of the learner with its answer.
     stop_when_stationary: end after the update in which every run was stationary (the paper's termination).
-    Raises ValueError for bad input at once, DivergenceError when an estimate is not finite.
+    Raises ValueError for bad input at once, DivergenceError when an estimate or θ is not finite.
     """
     require_count("episodes", episodes, 0)
     indices = run_indices(runs)
@@ -88,9 +90,11 @@ def _records(
     for episode in range(1, course.episodes + 1):
         estimate = estimation.episode(parameters)
         linearization = _finite(estimate, course.runs, episode)
-        update = learner.update(linearization, memory, course.observe)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
+            update = learner.update(linearization, memory, course.observe)
+            parameters = parameters + update.change
+        _require_finite(parameters, course.runs, episode)
         memory = update.memory
-        parameters = parameters + update.change
         yield TrainingRecord(episode, parameters, estimate, update)
         if course.stop_when_stationary and update.stationary.all():
             return
@@ -108,8 +112,18 @@ def _finite(estimate: Estimate, runs: tuple[int, ...], episode: int) -> Lineariz
         raise DivergenceError(
             f"the estimate of channel {channel} in run {runs[run]}, episode {episode}, should be finite; found "
             f"ρ = {estimate.values[run, channel]}, max |Δ| = {np.abs(estimate.gradients[run, channel]).max()}. "
-            "Lower the rates, or set the step's ridge or max_restoration"
+            f"{_ADVICE}"
         ) from error
+
+
+def _require_finite(parameters: Float[np.ndarray, "B n"], runs: tuple[int, ...], episode: int) -> None:
+    finite = np.isfinite(parameters)
+    if not finite.all():
+        run, index = np.argwhere(~finite)[0]
+        raise DivergenceError(
+            f"θ[{index}] in run {runs[run]} should be finite after episode {episode}; found {parameters[run, index]}. "
+            f"{_ADVICE}"
+        )
 
 
 def uniform_parameters(n: int, low: float = 0.0, high: float = 1.0) -> Initial:

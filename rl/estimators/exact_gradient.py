@@ -56,4 +56,4 @@ class ExactEstimation:
         values = np.array([self.mdp.average_rewards(table) for table in tables], dtype=np.float64)
         gradients = np.array([self.mdp.policy_gradients(table) for table in tables], dtype=np.float64)
         none = np.zeros(self.runs, dtype=np.int64)
-        return Estimate(values, gradients.reshape(values.shape + (-1,)), none, np.zeros_like(values), none)
+        return Estimate(values, gradients.reshape((*values.shape, -1)), none, np.zeros_like(values), none)

@@ -9,6 +9,7 @@ gathering G[q] = Σ (rⁱ_t + c Lⁱ_t) for each pair q = (state, action); the s
 costs the same for any number of states and actions up to their search, and hardly more for four channels than for one.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from .interface import Estimate
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
 
+_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 _LANES = 4  # channels handled together, one vector register of float64
 _WORD = 2.0**32
 
@@ -87,7 +89,7 @@ class FiniteGPOMDP:
         return Estimate(self.averages.copy(), gradients, self.taken, rewards, self.events)
 
 
-@numba.njit("void(float64[::1], float64[:, ::1], int64[:, ::1])", cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@_kernel("void(float64[::1], float64[:, ::1], int64[:, ::1])")
 def _tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
     """μ(s, a), and the least 32-bit draw that goes beyond action a in state s."""
     states, actions = probabilities.shape
@@ -103,7 +105,7 @@ def _tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
             thresholds[s, a] = np.int64(np.ceil(below * _WORD))
 
 
-@numba.njit("int64(int64[::1], int64)", cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@_kernel("int64(int64[::1], int64)")
 def _drawn(thresholds, draw):  # type: ignore[no-untyped-def]
     """The first j with draw < thresholds[j], the last if none; the last is not compared."""
     last = thresholds.size - 1
@@ -115,12 +117,7 @@ def _drawn(thresholds, draw):  # type: ignore[no-untyped-def]
     return count
 
 
-@numba.njit(  # type: ignore[misc, unused-ignore]
-    "void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@_kernel("void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])")
 def _simulate(actions, transitions, start, random_states, visits):  # type: ignore[no-untyped-def]
     """One word a step: its high half draws the action, its low half the next state; visits (T, B) are s·A + a."""
     steps, runs = visits.shape
@@ -134,11 +131,8 @@ def _simulate(actions, transitions, start, random_states, visits):  # type: igno
             state[run] = _drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
 
 
-@numba.njit(  # type: ignore[misc, unused-ignore]
-    "void(int32[:, ::1], int64, float64[:, ::1], int64, float64, float64, float64, float64[:, ::1], float64[:, ::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
+@_kernel(
+    "void(int32[:, ::1], int64, float64[:, ::1], int64, float64, float64, float64, float64[:, ::1], float64[:, ::1])"
 )
 def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums):  # type: ignore[no-untyped-def]
     """G[q] = Σ (r_t + c L_t) over visits to q, sums[0] = Σ r_t, sums[1] = Σ α_r (1 − α_r)^{T−1−t} r_t; four lanes."""
@@ -167,7 +161,7 @@ def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums)
                 sums[0, i + lane] += rewards[visits[0, run], i + lane]
 
 
-@numba.njit("void(float64[:, ::1], float64[:, ::1], float64, float64[:, ::1])", cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]  # fmt: skip
+@_kernel("void(float64[:, ::1], float64[:, ::1], float64, float64[:, ::1])")
 def _contract(gathered, probabilities, updates, gradients):  # type: ignore[no-untyped-def]
     """Δⁱ = Σ_q ψ(q) Gⁱ[q] / updates: G − μ(s, ·) Σ_b G[s, b] in each state."""
     states, actions = probabilities.shape
@@ -181,12 +175,9 @@ def _contract(gathered, probabilities, updates, gradients):  # type: ignore[no-u
                 gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / updates
 
 
-@numba.njit(  # type: ignore[misc, unused-ignore]
+@_kernel(
     "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, int64, float64, float64, float64, "
-    "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
+    "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
 def advance(  # type: ignore[no-untyped-def]
     parameters,  # (B, S·A)

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cpgrl_opt.arrays import Vector
+
 from ..policies import Policy, SoftmaxTable
 from ..policies.interface import require_count
-from ..rollout import episode, require_gymnasium
+from ..rollout import episode, reward_channels
 from .interface import Estimate, Estimation
 
 WEIGHTS = ("paper", "usual")
@@ -66,35 +68,32 @@ class RolloutGPOMDP:
     def __init__(
         self, settings: GPOMDP, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
     ) -> None:
-        require_gymnasium(environment)
         self.settings = settings
         self.environment = environment
         self.policy = policy
         self.rngs = [np.random.default_rng(stream) for stream in streams]
-        self.averages: list[Float[np.ndarray, "channels"] | float] = [0.0] * len(self.rngs)
+        self.averages = np.zeros((len(self.rngs), reward_channels(environment)))
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
         runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
-        values, gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
-        return Estimate(values, gradients, steps, rewards, events)
+        gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
+        return Estimate(self.averages.copy(), gradients, steps, rewards, events)
 
-    def _run(self, run: int, theta: Float[np.ndarray, "n"]) -> tuple[Any, ...]:
-        settings, policy = self.settings, self.policy.with_parameters(theta)
-        paper = settings.weights == "paper"
-        trace, total = np.zeros(len(theta)), 0.0
-        average, rewards, steps, event = self.averages[run], 0.0, 0, 0
-        for step in episode(self.environment, policy, self.rngs[run], settings.steps):
+    def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
+        beta, paper = self.settings.trace_decay, self.settings.weights == "paper"
+        policy, average = self.policy.with_parameters(theta), self.averages[run]
+        trace, rewards = np.zeros(len(theta)), np.zeros(len(average))
+        gradients = np.zeros((len(average), len(theta)))
+        updates = steps = event = 0
+        for step in episode(self.environment, policy, self.rngs[run], self.settings.steps):
             score = policy.score(step.observation, step.action)
-            met = trace + score if paper else settings.trace_decay * trace + score
             if steps > 0 or not paper:
-                total = total + np.outer(step.reward, met)  # the sum of eq. 3, its mean is taken at the end
-                average = average + settings.average_rate * (step.reward - average)  # eq. 4
-            trace = settings.trace_decay * trace + score
-            rewards = rewards + step.reward
+                updates += 1
+                met = trace + score if paper else beta * trace + score
+                gradients += (np.outer(step.reward, met) - gradients) / updates  # eq. 3
+                average += self.settings.average_rate * (step.reward - average)  # eq. 4, in place
+            trace = beta * trace + score
+            rewards += step.reward
             steps, event = steps + 1, step.event
-        updates = steps - 1 if paper else steps
-        channels = np.zeros_like(rewards)
-        self.averages[run] = average + channels
-        gradients = (total + np.zeros((len(channels), len(theta)))) / max(updates, 1)
-        return self.averages[run], gradients, steps, rewards, event
+        return gradients, steps, rewards, event

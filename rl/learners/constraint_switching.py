@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt import Linearization
 from cpgrl_opt.step import Observer
+from cpgrl_opt.validation import require_shape
 
 from .interface import LearnerUpdate
 from .settings import require_step_size, threshold_vector
@@ -36,11 +37,12 @@ class ConstraintSwitching:
         observe: Observer | None = None,  # noqa: ARG002 - no direction problem is solved
     ) -> LearnerUpdate:
         """One gradient's step; counts `objective`, the updates along Δ¹."""
+        require_shape("thresholds", self.thresholds, linearization.jacobian.shape[1:2])
         slack = linearization.slack(self.thresholds)
-        active = slack <= 0
+        active = np.less_equal(slack, 0, dtype=np.bool_)
         violated = active.any(axis=1)
         # channel 0 is Δ¹, channel j + 1 the j-th constraint; without constraints there is nothing to switch to
         channel = np.where(violated, slack.argmin(axis=1) + 1 if slack.shape[1] else 0, 0)
-        change = self.step_size * linearization.gradients[np.arange(len(slack)), channel]
-        stationary = ~change.any(axis=1)
-        return LearnerUpdate(change, active, stationary, {"objective": (~violated).astype(np.int64)})
+        change: np.ndarray = self.step_size * linearization.gradients[np.arange(len(slack)), channel]
+        stationary = np.asarray(~change.any(axis=1))
+        return LearnerUpdate(change, active, stationary, {"objective": np.asarray(~violated, dtype=np.int64)})

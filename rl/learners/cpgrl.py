@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
-
-import numpy as np
 
 from cpgrl_opt import ConstrainedStep, Linearization
 from cpgrl_opt.step import Observer

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt import Linearization
 from cpgrl_opt.step import Observer
+from cpgrl_opt.validation import require_shape
 
 from .interface import LearnerUpdate
 from .settings import require_step_size
@@ -42,8 +43,7 @@ class WeightedSum:
         runs, channels = linearization.values.shape
         gradients = linearization.gradients
         if self.weights is not None:
-            if self.weights.shape != (channels,):
-                raise ValueError(f"weights should have shape ({channels},); found {self.weights.shape}")
+            require_shape("weights", self.weights, (channels,))
             gradients = self.weights[:, None] * gradients
         change = self.step_size * gradients.sum(axis=1)
         active = np.zeros((runs, channels - 1), dtype=np.bool_)

@@ -66,4 +66,5 @@ class LinearGaussian:
         return type(self)(self.features, self.size, self.dimensions, deviation=self.deviation, parameters=parameters)
 
     def _of(self, phi: Vector) -> Vector:
-        return phi @ self.parameters.reshape(self.size, self.dimensions)
+        mean: Vector = phi @ self.parameters.reshape(self.size, self.dimensions)
+        return mean

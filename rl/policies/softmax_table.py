@@ -36,7 +36,7 @@ class SoftmaxTable:
     def probabilities(self, parameters: Float[np.ndarray, "*runs n"] | None = None) -> Float[np.ndarray, "*runs S A"]:
         """μ_θ as a table (…, S, A), of the policy's own θ or of many, (…, S·A)."""
         theta = self.parameters if parameters is None else np.asarray(parameters, dtype=np.float64)
-        return softmax(theta.reshape(theta.shape[:-1] + (self.states, self.actions)))
+        return softmax(theta.reshape((*theta.shape[:-1], self.states, self.actions)))
 
     def sample(self, observation: int, rng: np.random.Generator) -> int:
         """An action 0 … A − 1 in the state 0 … S − 1."""
@@ -61,5 +61,6 @@ class SoftmaxTable:
 
 def softmax(preferences: Float[np.ndarray, "*rows A"]) -> Float[np.ndarray, "*rows A"]:
     """exp hᵢ / Σⱼ exp hⱼ over the last axis; shifted by max h, so that nothing overflows."""
-    weights = np.exp(preferences - preferences.max(axis=-1, keepdims=True))
-    return weights / weights.sum(axis=-1, keepdims=True)
+    weights: np.ndarray = np.exp(preferences - preferences.max(axis=-1, keepdims=True))
+    weights /= weights.sum(axis=-1, keepdims=True)
+    return weights

@@ -1,0 +1,94 @@
+"""CONB and SUM against hand computations; CPGRL is its step."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt.active_set import hysteresis
+from rl import CPGRL, ConstraintSwitching, WeightedSum
+
+RNG = np.random.default_rng(0)
+GRADIENTS = RNG.normal(size=(4, 4, 9))
+VALUES = np.array(
+    [
+        [5.0, 0.1, 0.2, 0.3],  # all slacks > 0
+        [5.0, -0.1, 0.2, -0.3],  # the third is the most violated
+        [5.0, 0.5, 0.0, 0.3],  # = 0 counts as violated
+        [5.0, -0.9, -0.2, -0.3],
+    ]
+)
+LINEARIZATION = Linearization(VALUES, GRADIENTS)
+
+
+def test_conb_follows_the_objective_or_the_most_violated_constraint() -> None:
+    update = ConstraintSwitching([0, 0, 0], step_size=0.5).update(LINEARIZATION)
+    expected = [GRADIENTS[0, 0], GRADIENTS[1, 3], GRADIENTS[2, 2], GRADIENTS[3, 1]]
+    np.testing.assert_array_equal(update.change, 0.5 * np.array(expected))
+    np.testing.assert_array_equal(update.active, VALUES[:, 1:] <= 0)
+    np.testing.assert_array_equal(update.counts["objective"], [1, 0, 0, 0])
+
+
+def test_conb_measures_violation_from_the_thresholds() -> None:
+    update = ConstraintSwitching([-1.0, 0.25, -1.0]).update(LINEARIZATION)
+    np.testing.assert_array_equal(update.change, 0.02 * np.stack([GRADIENTS[r, 2] for r in range(4)]))
+
+
+def test_conb_without_constraints_is_the_plain_gradient() -> None:
+    update = ConstraintSwitching([]).update(Linearization(VALUES[:, :1], GRADIENTS[:, :1]))
+    np.testing.assert_array_equal(update.change, 0.02 * GRADIENTS[:, 0])
+
+
+def test_conb_never_follows_the_objective_when_constraint_values_sum_to_zero() -> None:
+    """reproduction.md, slip 6: ρ² + ρ³ + ρ⁴ = 0 cannot be > 0 in all three."""
+    values = RNG.normal(size=(500, 4))
+    values[:, 3] = -values[:, 1] - values[:, 2]
+    update = ConstraintSwitching([0, 0, 0]).update(Linearization(values, np.zeros((500, 4, 9))))
+    assert not update.counts["objective"].any()
+
+
+def test_sum_follows_the_sum_of_all_gradients() -> None:
+    update = WeightedSum(step_size=0.1).update(LINEARIZATION)
+    expected = GRADIENTS[:, 0] + GRADIENTS[:, 1] + GRADIENTS[:, 2] + GRADIENTS[:, 3]
+    np.testing.assert_allclose(update.change, 0.1 * expected, rtol=1e-14)
+    assert not update.active.any()
+
+
+def test_sum_takes_weights() -> None:
+    update = WeightedSum([1, 0, 0, -2]).update(LINEARIZATION)
+    np.testing.assert_allclose(update.change, 0.02 * (GRADIENTS[:, 0] - 2 * GRADIENTS[:, 3]), rtol=1e-14)
+
+
+@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
+def test_cpgrl_is_its_step_and_remembers_the_active_set(formulation: str) -> None:
+    step = ConstrainedStep(formulation=formulation, rule=hysteresis)
+    learner, memory, previous = CPGRL(step, [0, 0, 0]), None, None
+    for values in (VALUES, VALUES[::-1], VALUES + 0.005):
+        linearization = Linearization(values, GRADIENTS)
+        update, result = learner.update(linearization, memory), step(linearization, np.zeros(3), previous)
+        memory, previous = update.memory, result.active
+        np.testing.assert_array_equal(update.change, result.change)
+        np.testing.assert_array_equal(update.active, result.active)
+        np.testing.assert_array_equal(update.stationary, result.stationary)
+        assert set(update.counts) == set(result.COUNTS)
+
+
+def test_cpgrl_shows_every_direction_problem_to_the_observer() -> None:
+    seen: list[int] = []
+    CPGRL(ConstrainedStep(formulation="cone"), [0, 0, 0]).update(
+        LINEARIZATION, None, lambda problems, _: seen.append(len(problems))
+    )
+    assert sum(seen) == 8  # a tangent and a restoration problem for each of four runs
+
+
+def test_settings_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match="thresholds should be finite"):
+        ConstraintSwitching([0, np.nan, 0])
+    with pytest.raises(ValueError, match="thresholds should be finite"):
+        CPGRL(ConstrainedStep(), [[0, 0]])
+    with pytest.raises(ValueError, match="step_size should be"):
+        WeightedSum(step_size=-1)
+    with pytest.raises(ValueError, match="weights should have shape"):
+        WeightedSum([1, 1]).update(LINEARIZATION)
+    for learner in (ConstraintSwitching([0, 0]), CPGRL(ConstrainedStep(), [0, 0])):
+        with pytest.raises(ValueError, match=r"thresholds should have shape \(3,\)"):
+            learner.update(LINEARIZATION)

@@ -1,0 +1,132 @@
+"""Scores are the gradients of log π, their mean under π is 0, and samples follow π."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from rl import LinearGaussian, LinearSoftmax, SoftmaxTable
+
+
+def features(observation: np.ndarray) -> np.ndarray:
+    x, y = observation
+    return np.array([1.0, x, y, x * y])
+
+
+OBSERVATION = np.array([0.3, -1.2])
+THETA = np.random.default_rng(0).normal(size=12)
+TABLE = SoftmaxTable(4, 3, THETA)
+SOFTMAX = LinearSoftmax(features, 4, 3, THETA)
+GAUSSIAN = LinearGaussian(features, 4, 3, deviation=0.7, parameters=THETA)
+
+
+def log_probability(policy, observation, action) -> float:
+    """log π from the definition, not through the policy's own methods."""
+    if isinstance(policy, LinearGaussian):
+        mean = features(observation) @ policy.parameters.reshape(4, 3)
+        return float(norm.logpdf(action, mean, 0.7).sum())
+    rows = policy.parameters.reshape(4, 3)
+    preferences = rows[observation] if isinstance(policy, SoftmaxTable) else features(observation) @ rows
+    return float(preferences[action] - np.log(np.exp(preferences).sum()))
+
+
+CHOICES = [(TABLE, s, a) for s in range(4) for a in range(3)]
+CHOICES += [(SOFTMAX, OBSERVATION, a) for a in range(3)]
+CHOICES += [(GAUSSIAN, OBSERVATION, np.array([0.1, 2.0, -0.4])), (GAUSSIAN, -OBSERVATION, np.zeros(3))]
+
+
+@pytest.mark.parametrize("choice", range(len(CHOICES)))
+def test_the_score_is_the_gradient_of_the_log_probability(choice: int) -> None:
+    policy, observation, action = CHOICES[choice]
+    step = 1e-5
+    differences = [
+        (
+            log_probability(policy.with_parameters(THETA + step * e), observation, action)
+            - log_probability(policy.with_parameters(THETA - step * e), observation, action)
+        )
+        / (2 * step)
+        for e in np.eye(12)
+    ]
+    np.testing.assert_allclose(policy.score(observation, action), differences, atol=1e-8)
+
+
+@pytest.mark.parametrize(("policy", "observation"), [(TABLE, 2), (SOFTMAX, OBSERVATION)])
+def test_the_scores_mean_under_the_policy_is_zero(policy, observation) -> None:
+    pi = policy.probabilities()[observation] if policy is TABLE else policy.probabilities(observation)
+    np.testing.assert_allclose(pi @ [policy.score(observation, a) for a in range(3)], 0, atol=1e-15)
+
+
+def test_the_gaussian_scores_mean_is_zero_and_its_variance_the_fisher_information() -> None:
+    rng = np.random.default_rng(4)
+    scores = np.array([GAUSSIAN.score(OBSERVATION, GAUSSIAN.sample(OBSERVATION, rng)) for _ in range(20_000)])
+    phi = features(OBSERVATION)
+    fisher = np.kron(np.outer(phi, phi), np.eye(3)) / 0.7**2
+    scale = np.sqrt(np.diag(fisher))
+    assert np.abs(scores.mean(axis=0) / scale).max() < 6 / np.sqrt(len(scores))
+    assert np.abs((scores.T @ scores / len(scores) - fisher) / np.outer(scale, scale)).max() < 0.08
+
+
+@pytest.mark.parametrize(("policy", "observation"), [(TABLE, 1), (SOFTMAX, OBSERVATION)])
+def test_samples_follow_the_probabilities(policy, observation) -> None:
+    rng, count = np.random.default_rng(5), 20_000
+    pi = policy.probabilities()[observation] if policy is TABLE else policy.probabilities(observation)
+    shares = np.bincount([policy.sample(observation, rng) for _ in range(count)], minlength=3) / count
+    assert np.abs(shares - pi).max() < 6 * 0.5 / np.sqrt(count)
+
+
+def test_one_hot_features_make_a_linear_softmax_the_table() -> None:
+    linear = LinearSoftmax(lambda state: np.eye(4)[state], 4, 3, THETA)
+    for state in range(4):
+        np.testing.assert_allclose(linear.probabilities(state), TABLE.probabilities()[state])
+        for action in range(3):
+            np.testing.assert_allclose(linear.score(state, action), TABLE.score(state, action), atol=1e-15)
+
+
+def test_parameters_are_indexed_by_state_then_action() -> None:
+    """θ₁ = θ_{s₁,a₁}, θ₂ = θ_{s₁,a₂}, … (§3.1)."""
+    theta = np.zeros(6)
+    theta[1 * 3 + 2] = 5.0
+    table = SoftmaxTable(2, 3, theta).probabilities()
+    assert table[1].argmax() == 2
+    np.testing.assert_allclose(table[0], 1 / 3)
+
+
+def test_many_parameters_give_as_many_tables() -> None:
+    many = np.random.default_rng(6).normal(size=(5, 2, 12))
+    tables = TABLE.probabilities(many)
+    assert tables.shape == (5, 2, 4, 3)
+    np.testing.assert_array_equal(tables[3, 1], TABLE.with_parameters(many[3, 1]).probabilities())
+
+
+def test_huge_parameters_neither_overflow_nor_divide_by_zero() -> None:
+    table = SoftmaxTable(2, 2, [8e307, -8e307, 0.0, 800.0])
+    np.testing.assert_array_equal(table.probabilities(), [[1, 0], [0, 1]])
+    assert np.isfinite(table.score(0, 1)).all()
+
+
+@pytest.mark.parametrize("policy", [TABLE, SOFTMAX, GAUSSIAN])
+def test_policies_are_immutable_and_keep_a_copy(policy) -> None:
+    theta = np.arange(12.0)
+    other = policy.with_parameters(theta)
+    theta[0] = 99
+    assert other.parameters[0] == 0
+    np.testing.assert_array_equal(policy.parameters, THETA)
+    with pytest.raises(ValueError, match="read-only"):
+        other.parameters[0] = 1
+    with pytest.raises(AttributeError):
+        policy.parameters = theta
+
+
+@pytest.mark.parametrize("policy", [TABLE, SOFTMAX, GAUSSIAN])
+@pytest.mark.parametrize("parameters", [np.zeros(11), np.zeros((4, 3)), np.full(12, np.nan), np.full(12, np.inf)])
+def test_parameters_that_do_not_fit_are_refused(policy, parameters) -> None:
+    with pytest.raises(ValueError, match="parameters should"):
+        policy.with_parameters(parameters)
+
+
+def test_sizes_and_deviations_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(ValueError, match="states should be an integer ≥ 1; found 0"):
+        SoftmaxTable(0, 3)
+    with pytest.raises(ValueError, match="actions should be an integer"):
+        LinearSoftmax(features, 4, 2.5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="deviation should be a finite number > 0"):
+        LinearGaussian(features, 4, 3, deviation=0.0)

@@ -1,0 +1,187 @@
+"""Training: records, first parameters, determinism for any batch, thread or process, divergence."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep
+from envs import TabularEnv, TabularMDP, ThreeStateMDP
+from rl import (
+    CPGRL,
+    GPOMDP,
+    ConstraintSwitching,
+    DivergenceError,
+    ExactGradient,
+    LinearSoftmax,
+    SoftmaxTable,
+    WeightedSum,
+    map_runs,
+    train,
+    uniform_parameters,
+)
+from rl.streams import run_streams
+
+LEARNERS = {
+    "SUM": WeightedSum(),
+    "CONB": ConstraintSwitching([0, 0, 0]),
+    "CPGRL": CPGRL(ConstrainedStep(solver="active-set"), [0, 0, 0]),
+    "CPGRL, Rosen": CPGRL(ConstrainedStep(solver="rosen"), [0, 0, 0]),
+    "CPGRL, restoring": CPGRL(ConstrainedStep(formulation="restoring"), [0, 0, 0]),
+}
+
+
+def one_hot(state: int) -> np.ndarray:
+    return np.eye(3)[state]
+
+
+SETTINGS: dict[str, tuple[Any, Any, Any]] = {
+    "compiled": (ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP()),
+    "plain": (TabularEnv(ThreeStateMDP()), LinearSoftmax(one_hot, 3, 3), GPOMDP(steps=10)),
+    "exact": (ThreeStateMDP(), SoftmaxTable(3, 3), ExactGradient()),
+}
+
+
+def trained(
+    runs: int | Sequence[int], learner: str = "CPGRL", setting: str = "compiled", episodes: int = 30
+) -> np.ndarray:
+    environment, policy, estimator = SETTINGS[setting]
+    initial = uniform_parameters(9)
+    records = train(
+        environment, policy, estimator, LEARNERS[learner], episodes=episodes, runs=runs, seed=7, initial=initial
+    )
+    return np.stack([record.parameters for record in records], axis=1)
+
+
+def test_a_record_holds_the_estimate_before_and_the_parameters_after_the_update() -> None:
+    records = list(train(*SETTINGS["compiled"], WeightedSum(), episodes=5, runs=3))
+    assert [record.episode for record in records] == [1, 2, 3, 4, 5]
+    before = np.zeros((3, 9))
+    for record in records:
+        assert record.linearization.values.shape == (3, 4)
+        np.testing.assert_array_equal(record.update.change, 0.02 * record.linearization.gradients.sum(axis=1))
+        np.testing.assert_array_equal(record.parameters, before + record.update.change)
+        np.testing.assert_array_equal(record.estimate.steps, 100)
+        before = record.parameters
+
+
+def test_records_kept_are_not_overwritten_by_later_episodes() -> None:
+    for setting in SETTINGS:
+        copies, kept = [], []
+        for record in train(*SETTINGS[setting], LEARNERS["CPGRL"], episodes=4, runs=2):
+            arrays = (record.parameters, record.estimate.values, record.estimate.gradients, record.estimate.rewards)
+            kept.append(arrays)
+            copies.append([array.copy() for array in arrays])
+        for arrays, copied in zip(kept, copies, strict=True):
+            for array, copy in zip(arrays, copied, strict=True):
+                np.testing.assert_array_equal(array, copy)
+
+
+def test_averages_go_on_from_episode_to_episode_and_gradients_start_anew() -> None:
+    """§2.4 as read (reproduction.md, slip 7): with a constant reward ρ = 1 − (1 − α_r)^(99 k) after k episodes."""
+    mdp = TabularMDP(np.full((2, 2, 2), 0.5), np.ones((1, 2, 2)))
+    records = train(mdp, SoftmaxTable(2, 2), GPOMDP(average_rate=0.001), WeightedSum(), episodes=5, runs=2)
+    for record in records:
+        expected = 1 - (1 - 0.001) ** (99 * record.episode)
+        np.testing.assert_allclose(record.estimate.values, expected, rtol=1e-12)
+
+
+def test_first_parameters_come_from_the_runs_own_stream() -> None:
+    policy = SoftmaxTable(3, 3)
+    learner = WeightedSum(step_size=0.0)
+    (record,) = train(
+        ThreeStateMDP(), policy, GPOMDP(), learner, episodes=1, runs=[4, 9], seed=3, initial=uniform_parameters(9)
+    )
+    for row, run in zip(record.parameters, (4, 9), strict=True):
+        np.testing.assert_array_equal(row, np.random.default_rng(run_streams(3, run).initial).uniform(0, 1, 9))
+    (record,) = train(ThreeStateMDP(), policy.with_parameters(np.arange(9.0)), GPOMDP(), learner, episodes=1, runs=2)
+    np.testing.assert_array_equal(record.parameters, [np.arange(9.0)] * 2)
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("learner", LEARNERS)
+def test_a_run_is_bit_identical_for_any_batch(learner: str, setting: str) -> None:
+    episodes = 30 if setting == "compiled" else 6
+    together = trained(5, learner, setting, episodes)
+    assert len(np.unique(together[:, -1], axis=0)) == 5
+    np.testing.assert_array_equal(together[2:3], trained([2], learner, setting, episodes))
+    np.testing.assert_array_equal(together[[4, 1, 3]], trained([4, 1, 3], learner, setting, episodes))
+
+
+@pytest.mark.parametrize("learner", ["SUM", "CPGRL"])
+@pytest.mark.parametrize("threads", [True, False])
+def test_a_run_is_bit_identical_for_any_number_of_threads_and_processes(learner: str, threads: bool) -> None:
+    alone = trained(5, learner)
+    shared = map_runs(partial(trained, learner=learner), 5, processes=2, threads=threads)
+    np.testing.assert_array_equal(np.concatenate(shared), alone)
+
+
+def test_another_seed_gives_other_runs_and_the_same_seed_the_same() -> None:
+    def last(seed: int) -> np.ndarray:
+        *_, record = train(*SETTINGS["compiled"], WeightedSum(), episodes=3, runs=2, seed=seed)
+        return record.parameters
+
+    np.testing.assert_array_equal(last(1), last(1))
+    assert (last(1) != last(2)).all()
+
+
+def test_map_runs_keeps_order_and_passes_exceptions_on() -> None:
+    assert map_runs(list, 5, processes=2, threads=True) == [[0, 1], [2, 3, 4]]
+    assert map_runs(list, range(7, 9), processes=8, threads=True) == [[7], [8]]
+
+    def fail(runs: Sequence[int]) -> None:
+        raise ZeroDivisionError(f"run {runs[0]}")
+
+    with pytest.raises(ZeroDivisionError):
+        map_runs(fail, 4, processes=2, threads=True)
+
+
+def test_an_estimate_that_is_not_finite_names_the_run_and_the_channel() -> None:
+    class Broken:
+        def start(self, *_: object) -> "Broken":
+            return self
+
+        def episode(self, parameters: np.ndarray) -> Any:
+            estimate = self.inner.episode(parameters)
+            estimate.gradients[1, 2, 3] = np.inf
+            return estimate
+
+    broken = Broken()
+    broken.inner = GPOMDP().start(ThreeStateMDP(), SoftmaxTable(3, 3), [run_streams(0, r).episodes for r in (3, 8)])  # type: ignore[attr-defined]
+    with pytest.raises(DivergenceError, match="channel 2 in run 8, episode 1, should be finite; found"):
+        next(train(ThreeStateMDP(), SoftmaxTable(3, 3), broken, WeightedSum(), episodes=9, runs=[3, 8]))
+
+
+def test_an_overflowing_update_raises_instead_of_training_on() -> None:
+    mdp = TabularMDP(ThreeStateMDP().transitions, 1e200 * ThreeStateMDP().rewards)
+    learner = WeightedSum(step_size=1e150)
+    with pytest.raises(DivergenceError, match="should be finite"):
+        for _ in train(mdp, SoftmaxTable(3, 3), GPOMDP(), learner, episodes=50, runs=2):
+            pass
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"episodes": -1}, "episodes should be"),
+        ({"runs": 0}, "runs should be"),
+        ({"runs": []}, "runs should be"),
+        ({"runs": [-1]}, "runs should be"),
+        ({"seed": -1}, "seed should be"),
+        ({"initial": lambda _: np.zeros(3)}, r"parameters should have shape \(9,\)"),
+    ],
+)
+def test_bad_input_is_refused_before_the_first_episode(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        train(*SETTINGS["compiled"], WeightedSum(), **{"episodes": 1, **settings})
+
+
+def test_importing_rl_is_light() -> None:
+    heavy = ("numba", "joblib", "matplotlib", "scipy.optimize", "osqp", "qpsolvers", "cvxpy", "gymnasium")
+    code = f"import sys, rl; print([name for name in {heavy} if name in sys.modules])"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
