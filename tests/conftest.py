@@ -15,7 +15,10 @@ install_import_hook(
         "cpgrl_opt.kkt",
         "cpgrl_opt.linearization",
         "cpgrl_opt.problem",
+        "cpgrl_opt.projection",
         "cpgrl_opt.step",
+        "envs.markov_chain",
+        "envs.occupancy",
     ],
     "beartype.beartype",
 )
