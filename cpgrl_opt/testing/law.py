@@ -11,7 +11,8 @@ import numpy as np
 from ..arrays import Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem, lengths
-from ..solvers.interface import DirectionSolver, supports
+from ..solvers import SOLVERS
+from ..solvers.interface import DirectionSolver, supports, tolerance_of
 
 
 class Outcome(StrEnum):
@@ -97,6 +98,15 @@ def optimum_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
     if answer.status != Status.OPTIMAL:
         raise NothingClaimed(Outcome.SKIPPED if answer.status == Status.UNSUPPORTED else Outcome.DECLINED)
     return answer
+
+
+def reference_optimum(problem: DirectionProblem) -> tuple[Answer, float]:
+    """The direction by enumeration of all active sets and its tolerance; where that claims nothing, the law is skipped."""
+    oracle = SOLVERS["enumeration"]
+    answer = answer_of(oracle, problem)
+    if answer.status != Status.OPTIMAL:
+        raise NothingClaimed(Outcome.SKIPPED)
+    return answer, tolerance_of(oracle)
 
 
 def require_at_most(

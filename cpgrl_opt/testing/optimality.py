@@ -9,9 +9,8 @@ import numpy as np
 
 from ..kkt import kkt_residuals
 from ..problem import DirectionProblem, unit_rows
-from ..solvers import SOLVERS
 from ..solvers.interface import DirectionSolver, tolerance_of
-from .law import NothingClaimed, Outcome, law, length, optimum_of, require_at_most
+from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most
 from .sensitivity import distance_bound, hoffman_constant
 
 
@@ -124,11 +123,10 @@ def check_agreement_with_enumeration(solver: DirectionSolver, problem: Direction
     Source: the projection onto a closed convex set is unique.
     """
     answer = optimum_of(solver, problem)
-    oracle = SOLVERS["enumeration"]
-    expected = optimum_of(oracle, problem)
+    expected, its_tolerance = reference_optimum(problem)
     require_at_most(
         length(answer.value - expected.value),
-        distance_bound(problem, tolerance_of(solver) + tolerance_of(oracle), answer.value, expected.value),
+        distance_bound(problem, tolerance_of(solver) + its_tolerance, answer.value, expected.value),
         "‖d − d*‖, d* by enumeration",
         "Both claim OPTIMAL and the optimum is unique: compare the active sets (μ > 0) of the two answers.",
         problem,
