@@ -31,7 +31,7 @@ FAR = -1e3  # rows with bounds below this stay out of y, which they would swamp,
 def pose_residual_problem(space, small, index, dual_space, dual_small, dual_index, included):
     """Writes the problem of y: variables = included rows; n equalities Ĵᵀy = 0, then y ≥ 0. Returns max |b̂|."""
     m, n = small.shape[1], space.shape[1]
-    k, largest = 0, 0.0
+    largest = 0.0
     for i in range(m):
         if included[i]:
             largest = max(largest, abs(small[BOUND, i]))
@@ -39,6 +39,7 @@ def pose_residual_problem(space, small, index, dual_space, dual_small, dual_inde
         dual_small[BOUND, i] = 0.0
         for k in range(dual_space.shape[1]):
             dual_space[ROWS + i, k] = 0.0
+    k = 0
     for i in range(m):
         if included[i]:
             for j in range(n):
