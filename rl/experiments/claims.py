@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 
@@ -47,6 +48,7 @@ def print_claims(claims: Sequence[Claim], console: Console) -> None:
     table = Table("holds", "the paper says", "measured", title="Claims", title_justify="left", show_lines=True)
     for claim in claims:
         verdict = "[green]yes[/green]" if claim.holds else "[bold red]no[/bold red]"
-        table.add_row(verdict, f"{claim.claim} [dim]({claim.source})[/dim]", claim.evidence)
+        words, source, evidence = (escape(text) for text in (claim.claim, claim.source, claim.evidence))
+        table.add_row(verdict, f"{words} [dim]({source})[/dim]", evidence)
     console.print(table)
     console.print(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold.")

@@ -1,0 +1,146 @@
+"""The `cpgrl` command: names, exit codes, messages, and what Ctrl-C leaves."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import version
+
+import pytest
+from typer.testing import CliRunner
+
+from cpgrl_opt import FORMULATIONS, SOLVERS
+from rl.cli import app
+from rl.experiments.three_state_reproduction import FILES
+
+TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
+
+
+def cpgrl(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_version_is_the_packages():
+    result = cpgrl("--version")
+    assert result.exit_code == 0
+    assert result.stdout == f"cpgrl {version('cpgrl-opt')}\n"
+
+
+def test_solvers_lists_every_solver_with_its_guarantee():
+    result = cpgrl("solvers")
+    assert result.exit_code == 0
+    for name, solver in SOLVERS.items():
+        assert name in result.stdout
+        assert solver.guarantee.split()[0] in result.stdout
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("cli") / "new" / "results"
+    out.mkdir(parents=True)
+    (out / "notes.txt").write_text("mine", encoding="utf-8")
+    (out / "claims.json").write_text("old", encoding="utf-8")
+    return cpgrl("reproduce", "three-state", *TINY, "--out", out), out
+
+
+def test_a_small_reproduction_prints_claims_speed_and_where_it_wrote(finished):
+    result, out = finished
+    assert result.exit_code == 0, result.output
+    assert "claims hold" in result.stdout
+    assert "steps/s" in result.stdout
+    assert str(out) in result.stdout.replace("\n", "")
+    assert not result.stderr  # no progress bar without a terminal
+
+
+def test_results_of_an_earlier_run_are_replaced_and_other_files_left(finished):
+    _, out = finished
+    assert {path.name for path in out.iterdir()} == {*FILES, "notes.txt"}
+    assert (out / "notes.txt").read_text(encoding="utf-8") == "mine"
+    assert isinstance(json.loads((out / "claims.json").read_text(encoding="utf-8")), list)
+
+
+def test_strict_exits_with_1_when_a_claim_fails(tmp_path, monkeypatch):
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *arguments: None)
+    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path, "--strict")
+    assert result.exit_code == 1
+    assert "claims hold" in result.stdout
+    assert not all(claim["holds"] for claim in json.loads((tmp_path / "claims.json").read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["reproduc"], ["reproduce", "solvers"]),
+        (["reproduce", "three-states"], ["three-state"]),
+        (["reproduce", "three-state", "--solver", "rosn"], list(SOLVERS)),
+        (["reproduce", "three-state", "--formulation", "cones"], list(FORMULATIONS)),
+    ],
+)
+def test_a_wrong_name_is_answered_with_the_right_ones(arguments, names, tmp_path):
+    result = cpgrl(*arguments, *(["--out", tmp_path] if len(arguments) > 2 else []))
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1  # one line, no traceback
+    for name in names:
+        assert name in result.stderr
+    assert repr(arguments[-1]) in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--runs", 0), ("--episodes", 0), ("--steps", -1), ("--record-every", 0), ("--seed", -1), ("--jobs", -1)],
+)
+def test_a_bad_number_is_answered_with_what_it_should_be(option, value, tmp_path):
+    result = cpgrl("reproduce", "three-state", option, value, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    name = option.strip("-").replace("-", "_")
+    assert result.stderr.startswith(f"cpgrl: {name} should be")
+    assert result.stderr.rstrip().endswith(f"found {value}")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_word_for_a_number_exits_with_2():
+    assert cpgrl("reproduce", "three-state", "--runs", "many").exit_code == 2
+
+
+def test_a_file_in_the_place_of_the_directory_is_refused(tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path / "file")
+    assert result.exit_code == 2
+    assert "out should be a directory" in result.stderr
+
+
+def test_a_solver_that_is_not_installed_says_what_to_type(tmp_path, monkeypatch):
+    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "daqp")
+    monkeypatch.setattr("cpgrl_opt.solvers.through_qpsolvers.has_package", lambda package: package != "daqp")
+    result = cpgrl("reproduce", "three-state", *TINY, "--solver", "daqp", "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "pip install 'cpgrl-opt[solvers]'" in result.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
+    command = [sys.executable, "-m", "rl.cli", "reproduce", "three-state", "--runs", "2", "--episodes", "100000000"]
+    process = subprocess.Popen(
+        [*command, "--record-every", "10", "--jobs", jobs, "--out", str(tmp_path)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    path = tmp_path / "learning.csv"
+    until = time.monotonic() + 120
+    while time.monotonic() < until and process.poll() is None:
+        if path.exists() and path.read_text(encoding="utf-8").count("\ncpgrl,") > 20:
+            break
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process of the command
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Interrupted" in errors
+    assert "cpgrl to episode" in errors
+    assert "Traceback" not in errors
+    keys = [line.split(",")[:3] for line in path.read_text(encoding="utf-8").splitlines()[1:]]
+    of_cpgrl = [(int(run), int(episode)) for method, run, episode in keys if method == "cpgrl"]
+    assert len(of_cpgrl) >= 20
+    assert of_cpgrl == sorted(of_cpgrl)
+    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv"}

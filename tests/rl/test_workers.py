@@ -1,0 +1,65 @@
+"""Tasks in worker processes: answers in order, messages heard, failures raised, nobody left behind."""
+
+import multiprocessing
+import operator
+import os
+import threading
+
+import pytest
+
+from rl.experiments.three_state import ThreeStateSettings, Tick, train_method
+from rl.experiments.workers import WorkerDiedError, run_tasks
+
+SETTINGS = ThreeStateSettings(runs=1, episodes=3, steps=5, record_every=1)
+
+
+class Fatal:
+    """Ends the process that unpickles it."""
+
+    def __reduce__(self):
+        return os._exit, (7,)
+
+
+def test_answers_come_in_the_order_of_the_items_and_reports_in_the_order_of_the_task():
+    heard = []
+    items = [(SETTINGS, "sum"), (SETTINGS, "conb"), (SETTINGS, "sum")]
+    answers = run_tasks(train_method, items, heard.append, processes=2)
+    assert ["objective" in answer.counts for answer in answers] == [False, True, False]
+    assert [report.episode for report in heard if report.label == "conb"] == [0, 1, 2, 3]
+    assert [report.episode for report in heard if report.label == "sum"].count(3) == 2
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_tasks_exception_is_raised_here(processes):
+    with pytest.raises(TypeError) as caught:
+        run_tasks(operator.truediv, [1, 2], print, processes=processes)  # a number by a function
+    assert not multiprocessing.active_children()
+    if processes == 2:
+        assert any("in a worker process" in note for note in caught.value.__notes__)
+
+
+def test_a_worker_that_dies_is_an_error_not_a_hang():
+    with pytest.raises(WorkerDiedError, match="exit code 7"):
+        run_tasks(train_method, [Fatal(), Fatal()], print, processes=2)
+    assert not multiprocessing.active_children()
+
+
+def test_an_interrupt_of_the_listener_ends_the_workers():
+    def interrupt(report):
+        raise KeyboardInterrupt
+
+    endless = ThreeStateSettings(runs=1, episodes=10**9, steps=5, record_every=1)
+    with pytest.raises(KeyboardInterrupt):
+        run_tasks(train_method, [(endless, "sum"), (endless, "conb")], interrupt, processes=2)
+    assert not multiprocessing.active_children()
+
+
+def test_preparation_runs_once_beside_the_workers():
+    done = threading.Event()
+    run_tasks(operator.is_, [1, 2, 3], print, processes=2, meanwhile=done.set)
+    assert done.wait(10)
+
+
+def test_a_tick_tells_method_and_episode():
+    assert Tick("cpgrl", 3) == Tick(label="cpgrl", episode=3)
