@@ -2,21 +2,16 @@
 
     min ½‖d − g‖²   s.t.   Jᵢd ≥ bᵢ (i ∈ I),   Jᵢd = bᵢ (i ∈ E)
 
-The kernel scales, solves, judges its own answer with the referee's formulas, and proves infeasibility; this file
-only hands over arrays, since every microsecond here is a good part of the time of a whole solve.
+The kernel scales, solves, judges its own answer with the referee's formulas, and proves infeasibility.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from ..direction import Direction, DirectionBatch, Status
+from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
-from .kernels import compiled_kernels, solve_stacked
-
-_STATUSES = tuple(Status)
+from .kernels import compiled_kernels, solve_single, solve_stacked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,13 +33,7 @@ class ActiveSet:
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`."""
-        jacobian = problem.jacobian
-        m, n = jacobian.shape
-        value, multipliers = np.empty(n), np.empty(m)
-        status, iterations, _ = compiled_kernels().solve_cone(
-            problem.gradient, jacobian, problem.bound, problem.equality, self.tolerance, value, multipliers
-        )
-        return Direction(value, multipliers, _STATUSES[status], iterations)
+        return solve_single(compiled_kernels().solve_cone, problem, self.tolerance)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """B problems of one shape in one compiled call, each exactly as `solve` solves it."""

@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..arrays import Vector
+from ..problem import lengths
 from ..projection import RANK_TOLERANCE
 from .factorization import pivoted_qr, solve_upper
 from .reduction import ScaledProblem
 
-# A row within this of its bound, in units of s, may belong to the face or not: no back end is surer than that.
+# A row within this of its bound, in units of max(‖g‖, ‖d‖), may belong to the face or not: no back end is surer than that.
 _NEARLY_TIGHT = 1e-6
 _MOST_FACES = 4
 
@@ -30,7 +31,8 @@ def polished(
     leave with a negative multiplier and enter when violated.
     """
     slack = scaled.rows @ d - scaled.bound
-    undecided = ~scaled.equality & (slack <= _NEARLY_TIGHT * max(1.0, float(np.abs(d).max())))
+    size = max(float(lengths(d)), float(lengths(scaled.gradient)))
+    undecided = ~scaled.equality & (np.abs(slack) <= _NEARLY_TIGHT * size)
     face = scaled.equality | (multipliers > np.maximum(slack, 0.0))
     for _ in range(_MOST_FACES):
         point, weights = project_onto_face(scaled, face)

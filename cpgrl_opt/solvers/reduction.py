@@ -111,14 +111,16 @@ BackEnd = Callable[[ReducedProblem], BackEndAnswer]
 
 
 def scale_problem(problem: DirectionProblem) -> ScaledProblem:
-    """The problem in its own units; scale 0 where g and all demands vanish, infinite where they overflow."""
+    """The problem in its own units; scale 0 where g and all demands vanish, not finite where they are not."""
+    is_finite = np.isfinite(problem.gradient).all() and np.isfinite(problem.jacobian).all()
+    if not is_finite or not (problem.bound < np.inf).all():  # only a forged problem; comparisons hide a NaN
+        return _without_rows(problem, np.nan)
     unit = unit_rows(problem.jacobian)
     bound = unit.per_length(problem.bound)
     is_zero = unit.largest == 0.0
     impossible = is_zero & np.where(problem.equality, bound != 0.0, bound > 0.0)
     kept = ~is_zero & (problem.equality | (bound > -np.inf))
-    equality = problem.equality[kept]
-    bound = bound[kept]
+    equality, bound = problem.equality[kept], bound[kept]
     demand = np.where(equality, np.abs(bound), bound).max(initial=0.0)
     scale = max(float(lengths(problem.gradient)), float(demand))
     divisor = scale if 0.0 < scale < np.inf else 1.0
@@ -132,6 +134,22 @@ def scale_problem(problem: DirectionProblem) -> ScaledProblem:
         impossible,
         scale,
         unit,
+    )
+
+
+def _without_rows(problem: DirectionProblem, scale: float) -> ScaledProblem:
+    none = np.zeros(problem.m, dtype=np.bool_)
+    rows = np.zeros((0, problem.n))
+    return ScaledProblem(
+        problem,
+        problem.gradient,
+        rows,
+        np.zeros(0),
+        none[:0],
+        none,
+        none,
+        scale,
+        unit_rows(np.zeros_like(problem.jacobian)),
     )
 
 

@@ -1,18 +1,19 @@
 """Rosen's gradient projection in closed form: the exact answer where every constraint is an equality.
 
-d = Pg + J⁺b,   P = I − Jᵀ(JJᵀ)⁻¹J,   Jᵀμ = d − g
+    d = Pg + J⁺b,   P = I − Jᵀ(JJᵀ)⁻¹J,   Jᵀμ = d − g
+
+by an orthonormal basis of the unit rows, compiled. Source: Rosen 1960; eq. 7–10 of the paper (λ = −μ).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from ..direction import Direction, Status
-from ..problem import DirectionProblem
-from .polishing import project_onto_face
-from .preparation import candidate_of, failure, judged, screen
-from .reduction import scale_problem
+from ..direction import Direction, DirectionBatch
+from ..problem import DirectionProblem, ProblemBatch
+from .kernels import compiled_kernels, solve_single, solve_stacked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,7 @@ class Rosen:
 
     package: ClassVar[str] = "numba"
     source: ClassVar[str] = "Rosen 1960; eq. 7–10 of the paper"
-    guarantee: ClassVar[str] = "exact: closed form; equalities only"
+    guarantee: ClassVar[str] = "exact: closed form, equalities only; compiled, batched"
 
     def supports(self, problem: DirectionProblem) -> bool:
         """Equalities, and inequalities that are switched off (b = −inf)."""
@@ -34,11 +35,8 @@ class Rosen:
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; UNSUPPORTED, with zeros, where an inequality is switched on."""
-        if not self.supports(problem):
-            return failure(problem, Status.UNSUPPORTED)
-        scaled = scale_problem(problem)
-        screened = screen(scaled)
-        if screened is not None:
-            return screened
-        d, multipliers = project_onto_face(scaled, scaled.equality)
-        return judged(problem, candidate_of(scaled, d, multipliers), self.tolerance, 1)
+        return solve_single(compiled_kernels().solve_tangent, problem, self.tolerance)
+
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """B problems of one shape in one compiled call, each exactly as `solve` solves it."""
+        return solve_stacked(compiled_kernels().solve_tangent_batch, problems, self.tolerance)

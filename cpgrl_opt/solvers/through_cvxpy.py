@@ -59,6 +59,11 @@ class CVXPYSession:
         self.settings = settings
         self._compiled: dict[tuple[int, int, int], _Parametrised] = {}
 
+    @property
+    def compiled_shapes(self) -> int:
+        """How many shapes were compiled so far."""
+        return len(self._compiled)
+
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`."""
         settings = self.settings

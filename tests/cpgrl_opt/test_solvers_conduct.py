@@ -1,0 +1,197 @@
+"""What every solver must not do: print, remember, touch its input, treat a batch as more than a loop."""
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cpgrl_opt.direction import DirectionBatch, Status
+from cpgrl_opt.problem import DirectionProblem, ProblemBatch
+from cpgrl_opt.solvers import (
+    CVXPY,
+    OSQP,
+    SOLVERS,
+    DirectionSolver,
+    MissingPackageError,
+    QPSolversBackend,
+    is_installed,
+    packages,
+    solve_batch,
+    solver_named,
+    supports,
+    tolerance_of,
+)
+
+NAMES = [name for name, solver in SOLVERS.items() if is_installed(solver)]
+OPTIONAL = ("quadprog", "daqp", "piqp", "proxqp", "clarabel", "highs", "scs")
+
+
+def cone(seed: int, m: int = 4, n: int = 5) -> DirectionProblem:
+    rng = np.random.default_rng(seed)
+    return DirectionProblem(rng.normal(size=n), rng.normal(size=(m, n)))
+
+
+def tangent(seed: int) -> DirectionProblem:
+    problem = cone(seed)
+    return DirectionProblem(problem.gradient, problem.jacobian, 0, True)
+
+
+def taken(solver: DirectionSolver, seed: int) -> DirectionProblem:
+    return cone(seed) if supports(solver, cone(seed)) else tangent(seed)
+
+
+NASTY = [
+    DirectionProblem([1.0, -2, 0.5], [[1, 0, 0], [-1, 1e-9, 0]], [1, 1]),
+    DirectionProblem([1.0, -2, 0.5], [[1, 0, 0], [-1, 1e-12, 0]]),
+    DirectionProblem([1.0, -2, 0.5], [[1, 0, 0], [-1, 0, 0]], [1, 1]),
+    DirectionProblem([-1e12, 1e12, 3], [[1e12, 1, 0], [-1e12, 1, 1]], [1e12, -1e12]),
+    DirectionProblem([1.5e308] * 3, [[1.0, 1, 1]], 0),
+    DirectionProblem([1.0, 2, 3], np.ones((6, 3)), 1, True),
+    DirectionProblem([0.0, 0], np.zeros((2, 2)), [0, 1]),
+    DirectionProblem([-5e-324, 5e-324], [[1.0, 1], [1, -1]], 0),
+    DirectionProblem([1e-170, -1e-170], [[1e170, 0], [0, 1e-170]], 0),
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_printed_whatever_the_problem(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    solver = SOLVERS[name]
+    for problem in (*NASTY, cone(1), tangent(2)):
+        answer = solver.solve(problem)
+        assert np.isfinite(answer.value).all()
+        assert np.isfinite(answer.multipliers).all()
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert printed.err == ""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_problem_gives_the_same_answer_whatever_came_between(name: str) -> None:
+    solver = SOLVERS[name]
+    problem = taken(solver, 3)
+    first = solver.solve(problem)
+    for seed in range(4, 7):
+        solver.solve(taken(solver, seed))
+    again = solver.solve(problem)
+    assert first.status == again.status == Status.OPTIMAL
+    np.testing.assert_array_equal(first.value, again.value)
+    np.testing.assert_array_equal(first.multipliers, again.multipliers)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_inputs_are_left_alone_and_answers_do_not_alias_them(name: str) -> None:
+    solver = SOLVERS[name]
+    for problem in (taken(solver, 8), DirectionProblem([1.0, 2], np.eye(2), 0, [name == "rosen"] * 2)):
+        arrays = (problem.gradient, problem.jacobian, problem.bound, problem.equality)
+        before = [array.copy() for array in arrays]
+        answer = solver.solve(problem)
+        answer.value[:] = 7.0
+        answer.multipliers[:] = 7.0
+        for array, copy in zip(arrays, before, strict=True):
+            np.testing.assert_array_equal(array, copy)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_batch_is_a_loop(name: str) -> None:
+    solver = SOLVERS[name]
+    problems = [taken(solver, seed) for seed in range(4)]
+    if name != "rosen":  # one with a row off, one that opposes itself
+        rows = problems[0].jacobian
+        off = [-np.inf, 0, 0, 0]
+        problems.append(DirectionProblem(problems[0].gradient, rows, off))
+        problems.append(DirectionProblem(problems[0].gradient, np.vstack([rows[:2], -rows[:2]])))
+    for given in (problems, ProblemBatch.stack(problems)):
+        batch = solve_batch(solver, given)
+        assert isinstance(batch, DirectionBatch)
+        for problem, member in zip(problems, batch, strict=True):
+            alone = solver.solve(problem)
+            assert alone.status == member.status == Status.OPTIMAL
+            np.testing.assert_allclose(member.value, alone.value, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(member.multipliers, alone.multipliers, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["active-set", "rosen"])
+def test_compiled_batches_agree_with_single_solves_bit_for_bit(name: str) -> None:
+    solver = SOLVERS[name]
+    problems = [taken(solver, seed) for seed in range(20)]
+    batch = solve_batch(solver, problems)
+    for problem, member in zip(problems, batch, strict=True):
+        alone = solver.solve(problem)
+        np.testing.assert_array_equal(alone.value, member.value)
+        np.testing.assert_array_equal(alone.multipliers, member.multipliers)
+        assert alone.iterations == member.iterations
+
+
+def test_a_cold_session_forgets_and_a_warm_one_agrees() -> None:
+    problems = [cone(seed) for seed in range(6)]
+    cold, warm = OSQP().session(5, 4), OSQP().session(5, 4, warm_start=True)
+    for problem in problems:
+        alone, kept, remembered = OSQP().solve(problem), cold.solve(problem), warm.solve(problem)
+        assert alone.status == kept.status == remembered.status == Status.OPTIMAL
+        np.testing.assert_allclose(kept.value, alone.value, atol=1e-10)
+        np.testing.assert_allclose(remembered.value, alone.value, atol=1e-10)
+    turned = cone(2)
+    warm.solve(turned)
+    assert 0 < warm.solve(turned).iterations < OSQP().solve(turned).iterations
+
+
+def test_a_session_refuses_another_shape() -> None:
+    with pytest.raises(ValueError, match="m = 4 and n = 5 as its session; found m = 3, n = 5"):
+        OSQP().session(5, 4).solve(cone(0, m=3))
+
+
+def test_cvxpy_compiles_a_shape_once() -> None:
+    session = CVXPY().session()
+    answers = [session.solve(cone(seed)) for seed in range(4)]
+    assert all(answer.status == Status.OPTIMAL for answer in answers)
+    assert session.compiled_shapes == 1
+
+
+def test_the_names_are_these() -> None:
+    assert list(SOLVERS) == [
+        *("rosen", "rosen-drop", "active-set", "nnls", "enumeration", "osqp"),
+        *OPTIONAL,
+        "cvxpy",
+    ]
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_solver_is_a_frozen_dataclass_with_a_table_line(name: str) -> None:
+    solver = solver_named(name)
+    assert isinstance(solver, DirectionSolver)
+    assert dataclasses.is_dataclass(solver)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        solver.tolerance = 1.0  # type: ignore[misc]
+    assert tolerance_of(solver) <= (1e-9 if name in ("rosen", "active-set", "nnls", "enumeration") else 1e-8)
+    for line in (solver.source, solver.guarantee):
+        assert line
+        assert "\n" not in line
+    assert solver == type(solver)(**{f.name: getattr(solver, f.name) for f in dataclasses.fields(solver)})
+    assert isinstance(hash(solver), int)
+
+
+def test_a_wrong_name_is_answered_with_the_right_ones() -> None:
+    with pytest.raises(ValueError, match=r"one of rosen, rosen-drop, active-set, .*; found 'simplex'"):
+        solver_named("simplex")
+    with pytest.raises(ValueError, match=r"one of quadprog, daqp, .*; found 'osqp'"):
+        QPSolversBackend("osqp")
+
+
+@pytest.mark.parametrize("name", [*OPTIONAL, "osqp", "cvxpy"])
+def test_a_missing_package_is_answered_with_what_to_type(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = SOLVERS[name]
+    found = packages.find_spec
+    monkeypatch.setattr(packages, "find_spec", lambda wanted: None if wanted == solver.package else found(wanted))
+    assert not is_installed(solver)
+    extra = "gpl" if name == "quadprog" else "solvers"
+    with pytest.raises(MissingPackageError, match=rf"{name}.*pip install 'cpgrl-opt\[{extra}\]'"):
+        solver.solve(cone(0))
+
+
+def test_importing_the_solvers_is_light() -> None:
+    heavy = ("numba", "scipy", "osqp", "qpsolvers", "cvxpy", "matplotlib", *OPTIONAL, "proxsuite", "highspy")
+    code = f"import sys, cpgrl_opt.solvers; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,212 @@
+"""The shared preparation: scaling, reduction, polishing, retries, and the proof of infeasibility."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt.direction import Status
+from cpgrl_opt.kkt import farkas_residual, kkt_residuals
+from cpgrl_opt.problem import DirectionProblem
+from cpgrl_opt.solvers.factorization import pivoted_qr, solve_upper
+from cpgrl_opt.solvers.infeasibility import least_violation
+from cpgrl_opt.solvers.least_distance import least_distance
+from cpgrl_opt.solvers.polishing import polished, project_onto_face
+from cpgrl_opt.solvers.preparation import solve_prepared
+from cpgrl_opt.solvers.reduction import BackEndAnswer, ReducedProblem, reduce_problem, scale_problem
+
+TOLERANCE = 1e-9
+
+
+def problem_of(seed: int, n: int = 50, m: int = 4) -> DirectionProblem:
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(m, n)) * 10.0 ** rng.uniform(-6, 6, size=(m, 1))
+    return DirectionProblem(rng.normal(size=n), rows, rows @ rng.normal(size=n))
+
+
+def test_scaling_makes_unit_rows_and_sizes_of_one() -> None:
+    scaled = scale_problem(problem_of(0))
+    np.testing.assert_allclose(np.linalg.norm(scaled.rows, axis=1), 1.0, rtol=1e-14)
+    assert max(np.linalg.norm(scaled.gradient), scaled.bound.max()) == pytest.approx(1.0)
+
+
+def test_scaling_leaves_out_zero_rows_and_rows_that_are_off() -> None:
+    problem = DirectionProblem([1, 2], [[0, 0], [1, 0], [0, 1], [0, 0]], [-1, -np.inf, 0, 2])
+    scaled = scale_problem(problem)
+    np.testing.assert_array_equal(scaled.kept, [False, False, True, False])
+    np.testing.assert_array_equal(scaled.impossible, [False, False, False, True])
+
+
+def test_multipliers_come_back_in_the_problems_units() -> None:
+    problem = DirectionProblem([2.0, 0], [[-4.0, 0], [0, 0]])
+    np.testing.assert_array_equal(scale_problem(problem).original_multipliers(np.array([1.0])), [0.5, 0])
+
+
+def test_reduction_keeps_every_angle_in_at_most_m_plus_1_coordinates() -> None:
+    scaled = scale_problem(problem_of(1))
+    reduced, basis = reduce_problem(scaled)
+    assert basis.shape == (50, 5)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(5), atol=1e-14)
+    np.testing.assert_allclose(reduced.rows @ reduced.rows.T, scaled.rows @ scaled.rows.T, atol=1e-14)
+    np.testing.assert_allclose(reduced.rows @ reduced.center, scaled.rows @ scaled.gradient, atol=1e-14)
+
+
+def test_reduction_sees_that_rows_depend() -> None:
+    rows = np.random.default_rng(2).normal(size=(2, 30))
+    problem = DirectionProblem(rows.sum(axis=0), np.vstack([rows, -rows.sum(axis=0), 1e8 * rows[0]]))
+    _, basis = reduce_problem(scale_problem(problem))
+    assert basis.shape == (30, 2)
+
+
+def test_the_qr_is_a_qr_and_solves_both_ways() -> None:
+    columns = np.random.default_rng(3).normal(size=(7, 4))
+    Q, R, order = pivoted_qr(columns, 1e-13)
+    np.testing.assert_allclose(Q @ R, columns[:, order], atol=1e-14)
+    right = np.arange(1.0, 5)
+    np.testing.assert_allclose(R @ solve_upper(R, right), right, atol=1e-13)
+    np.testing.assert_allclose(R.T @ solve_upper(R, right, transposed=True), right, atol=1e-13)
+
+
+def test_a_row_too_slack_to_matter_comes_back_when_the_answer_violates_it() -> None:
+    # A wedge of angle t pushes d to about 2/t along the second axis; the third row stops it there at a cost.
+    t = 1e-3
+    rows = [[1, 0, 0], [-np.cos(t), np.sin(t), 0], [0, -1, 0.3]]
+    problem = DirectionProblem([0.1, 0.2, 0.3], rows, [1, 1, -1.9e3])
+    seen: list[int] = []
+
+    def counting(reduced: ReducedProblem) -> BackEndAnswer:
+        seen.append(len(reduced.bound))
+        return least_distance(reduced)
+
+    answer = solve_prepared(problem, counting, tolerance=TOLERANCE)
+    assert seen == [2, 3]
+    assert answer.status == Status.OPTIMAL
+    assert answer.multipliers[2] > 0.0
+
+
+def blurred(size: float, seed: int = 0) -> "object":
+    """least_distance with an error of `size` in x and μ, as a first-order method leaves it."""
+    rng = np.random.default_rng(seed)
+
+    def back_end(reduced: ReducedProblem) -> BackEndAnswer:
+        exact = least_distance(reduced)
+        assert exact.point is not None
+        assert exact.multipliers is not None
+        return BackEndAnswer(
+            exact.point + size * rng.normal(size=exact.point.shape),
+            exact.multipliers + size * rng.random(size=exact.multipliers.shape),
+        )
+
+    return back_end
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_polishing_certifies_what_a_first_order_method_found(seed: int) -> None:
+    problem = problem_of(seed)
+    back_end = blurred(1e-6, seed)
+    raw = solve_prepared(problem, back_end, tolerance=TOLERANCE, polish=False)  # type: ignore[arg-type]
+    better = solve_prepared(problem, back_end, tolerance=TOLERANCE)  # type: ignore[arg-type]
+    assert raw.status == Status.UNCERTIFIED
+    assert better.status == Status.OPTIMAL
+    assert kkt_residuals(problem, better).worst <= 1e-13
+
+
+def test_polishing_does_not_hide_a_wrong_answer() -> None:
+    def idle(reduced: ReducedProblem) -> BackEndAnswer:
+        return BackEndAnswer(reduced.center.copy(), np.zeros(len(reduced.bound)))
+
+    problem = problem_of(0)
+    answer = solve_prepared(problem, idle, tolerance=TOLERANCE)
+    assert answer.status == Status.UNCERTIFIED
+    assert kkt_residuals(problem, answer).worst > 0.1
+
+
+def test_polishing_drops_an_undecided_row_with_a_negative_multiplier() -> None:
+    problem = DirectionProblem([1.0, 1.0], [[-1, 0], [-1, 1e-8]])  # d = (0, 1): the second row is 1e-8 away
+    scaled = scale_problem(problem)
+    points = list(polished(scaled, np.array([0.0, 1.0]) / scaled.scale, np.array([0.5, 0.2])))
+    d, multipliers = points[-1]
+    np.testing.assert_allclose(d * scaled.scale, [0, 1], atol=1e-15)
+    assert multipliers[1] == 0.0
+
+
+def test_a_face_of_dependent_rows_has_multipliers_with_the_right_signs() -> None:
+    rows = np.array([[1.0, 0], [0, 1], [1, 1], [2, 1]])
+    scaled = scale_problem(DirectionProblem([-1.0, -2.0], rows))
+    d, multipliers = project_onto_face(scaled, np.ones(4, dtype=np.bool_))
+    np.testing.assert_allclose(d, 0.0, atol=1e-15)
+    assert (multipliers >= 0.0).all()
+    np.testing.assert_allclose(multipliers @ scaled.rows, d - scaled.gradient, atol=1e-15)
+
+
+@pytest.mark.parametrize("failure", [Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.ITERATION_LIMIT])
+def test_a_feasible_problem_is_not_infeasible_because_a_back_end_says_so(failure: Status) -> None:
+    gives_up = BackEndAnswer(None, None, failure=failure)
+    answer = solve_prepared(problem_of(4), lambda _: gives_up, tolerance=TOLERANCE)
+    assert answer.status == (Status.ITERATION_LIMIT if failure == Status.ITERATION_LIMIT else Status.NUMERICAL_ERROR)
+    assert not answer.value.any()
+
+
+def test_an_answer_that_is_not_a_number_is_a_numerical_error() -> None:
+    def back_end(reduced: ReducedProblem) -> BackEndAnswer:
+        return BackEndAnswer(np.full(reduced.center.shape, np.nan), np.zeros(reduced.bound.shape))
+
+    answer = solve_prepared(problem_of(5), back_end, tolerance=TOLERANCE)
+    assert answer.status == Status.NUMERICAL_ERROR
+    assert not answer.value.any()
+
+
+def test_a_back_end_that_misses_a_far_answer_is_asked_again_in_larger_units() -> None:
+    sizes: list[float] = []
+
+    def short_sighted(reduced: ReducedProblem) -> BackEndAnswer:
+        sizes.append(float(reduced.bound.max()))
+        answer = least_distance(reduced)
+        assert answer.point is not None
+        return answer if np.abs(answer.point).max() < 10 else BackEndAnswer(None, None, failure=Status.INFEASIBLE)
+
+    t = 1e-5
+    problem = DirectionProblem([1.0, 0, 1], [[1, 0, 0], [-np.cos(t), np.sin(t), 0]], [1, 1])
+    answer = solve_prepared(problem, short_sighted, tolerance=TOLERANCE)
+    assert answer.status == Status.OPTIMAL
+    assert len(sizes) == 3
+    assert sizes[2] == pytest.approx(1e-6 * sizes[0])
+
+
+@pytest.mark.parametrize("gap", [1e-1, 1e-4, 1e-7, 1e-8])
+@pytest.mark.parametrize("n", [2, 9, 200])
+def test_infeasibility_is_proven_down_to_a_gap_of_1e_8(gap: float, n: int) -> None:
+    rng = np.random.default_rng(n)
+    row, other = rng.normal(size=(2, n))
+    row /= np.linalg.norm(row)
+    problem = DirectionProblem(0.1 * rng.normal(size=n), [row, -7 * row, other], [0.5 + gap, -3.5, 0.0])
+    least = least_violation(problem)
+    assert least is not None
+    assert farkas_residual(problem, least.proof) <= 1e-6
+    assert row @ least.direction == pytest.approx(0.5 + gap / 2, abs=1e-12)
+    assert least.proof[2] == 0.0
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-6, 1e-9])
+def test_nearly_opposing_rows_are_feasible_however_far_the_answer(angle: float) -> None:
+    problem = DirectionProblem([1.0, 2, 3], [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]], [1, 1])
+    assert least_violation(problem) is None
+
+
+def test_bounds_that_differ_by_rounding_do_not_make_a_problem_infeasible() -> None:
+    problem = DirectionProblem([1.0, 2], [[1, 0], [1, 0]], [1.0, 1.0 + 1e-13], True)
+    assert least_violation(problem) is None
+
+
+def test_the_least_violation_is_nearest_to_the_gradient_among_its_equals() -> None:
+    # v = (1, 1) whatever the second coordinate; the third row then asks d₂ ≥ 2.
+    problem = DirectionProblem([9.0, 1.0, 5.0], [[1, 0, 0], [-1, 0, 0], [0, 1, 0]], [1, 1, 2])
+    least = least_violation(problem)
+    assert least is not None
+    np.testing.assert_allclose(least.direction, [0, 2, 5], atol=1e-12)
+    assert least.size * scale_problem(problem).scale == pytest.approx(np.sqrt(2))
+
+
+def test_a_very_low_bound_costs_the_least_violation_no_digits() -> None:
+    problem = DirectionProblem([0.3, 0.7], [[1, 0], [-1, 0], [0, -1]], [1, 1, -1e15])
+    least = least_violation(problem)
+    assert least is not None
+    np.testing.assert_allclose(least.direction, [0, 0.7], atol=1e-14)
