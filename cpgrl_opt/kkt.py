@@ -108,6 +108,8 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     if zero_row_proof.any():
         return float("inf") if (y[~problem.equality] < 0).any() else 0.0
     weights = rows.times_length(y / np.abs(y).max(), float(rows.largest.max()) or 1.0)
+    if not weights.any():  # y ≠ 0 on zero rows only, which ask for nothing impossible
+        return float("inf")
     weights = weights / np.abs(weights).max()
     switched_on = (problem.bound > -np.inf) & (rows.largest > 0)
     bound = np.where(switched_on, rows.per_length(problem.bound), 0.0)
