@@ -26,7 +26,6 @@ except ModuleNotFoundError as error:
 
 from .conduct import (
     check_answers_repeat,
-    check_batch_is_loop,
     check_input_is_unchanged,
     check_non_finite_is_refused,
     check_silence,
@@ -60,6 +59,7 @@ from .optimality import (
 from .projection_laws import check_firm_non_expansiveness, check_idempotence, check_non_expansiveness
 from .pytest_items import parametrize_with_checks
 from .sensitivity import distance_bound, hoffman_constant
+from .sequences import check_batch_is_loop, check_warm_start_is_cold_start
 from .strategies import Case, direction_problems, infeasible_problems
 from .verdict import CheckResult, Verdict, check_direction_solver
 
@@ -98,6 +98,7 @@ __all__ = [
     "check_scaling",
     "check_silence",
     "check_stationarity",
+    "check_warm_start_is_cold_start",
     "check_zero_only_when_optimal",
     "direction_problems",
     "distance_bound",

@@ -1,4 +1,4 @@
-"""Laws of conduct: bad input is refused, input stays as it is, answers repeat, nothing is printed, a batch is a loop."""
+"""Laws of conduct: bad input is refused, input stays as it is, answers repeat, nothing is printed."""
 
 import ctypes
 import io
@@ -6,15 +6,14 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
-from typing import Any
 
 import numpy as np
 
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, supports, tolerance_of
+from ..solvers.interface import DirectionSolver, supports
 from .law import (
     LawBroken,
     NothingClaimed,
@@ -23,10 +22,7 @@ from .law import (
     checked_answer,
     described,
     law,
-    length,
-    require_at_most,
 )
-from .sensitivity import distance_bound
 
 _ARRAYS = ("gradient", "jacobian", "bound", "equality")
 
@@ -115,43 +111,6 @@ def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
             f"solve should print nothing; found {''.join(noise)[:300]!r}. Switch output off through the back end's own "
             f"options{described(problem)}"
         )
-
-
-@law
-def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> None:
-    """solve_batch(problems)[k] has the status and, where OPTIMAL, the direction of solve(problems[k]).
-
-    ‖Δd‖ ≤ 2 · `distance_bound`(ε). Skipped for a solver without solve_batch. Source: runs are independent.
-    """
-    batch: Any = getattr(solver, "solve_batch", None)
-    if batch is None or not all(supports(solver, problem) for problem in problems):
-        raise NothingClaimed(Outcome.SKIPPED)
-    try:
-        together = batch(problems)
-    except Exception as error:
-        raise LawBroken(
-            f"solve_batch should answer {len(problems)} valid problems; it raised {type(error).__name__}: {error}"
-            f"{described(problems[0])}"
-        ) from error
-    if len(together) != len(problems):
-        raise LawBroken(f"solve_batch should return {len(problems)} directions; found {len(together)}")
-    for k, problem in enumerate(problems):
-        alone, member = answer_of(solver, problem), checked_answer(problem, together[k])
-        if alone.status != member.status:
-            raise LawBroken(
-                f"solve_batch(problems)[{k}] should have the status {alone.status.name} that solve(problems[{k}]) has; "
-                f"found {member.status.name}{described(problem, alone, member)}"
-            )
-        if alone.status == Status.OPTIMAL:
-            require_at_most(
-                length(alone.value - member.value),
-                2 * distance_bound(problem, tolerance_of(solver), alone.value, member.value),
-                f"‖solve_batch(problems)[{k}] − solve(problems[{k}])‖",
-                "Runs of a batch should not see each other, nor be solved to another accuracy.",
-                problem,
-                alone,
-                member,
-            )
 
 
 def writable_copy(problem: DirectionProblem) -> DirectionProblem:

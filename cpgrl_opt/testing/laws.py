@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, supports
-from . import conduct, honesty, invariance, optimality, projection_laws
+from . import conduct, honesty, invariance, optimality, projection_laws, sequences
 from .families import feasible_gradients, hostile_problems, well_posed_problems
 from .law import Outcome
 from .strategies import (
@@ -178,6 +178,7 @@ _TABLE = (
     Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
     Law(conduct.check_answers_repeat, _two_problems, may_decline=True),
     Law(conduct.check_silence, _well_posed, may_decline=True),
-    Law(conduct.check_batch_is_loop, _batches, needs="solve_batch", may_decline=True),
+    Law(sequences.check_batch_is_loop, _batches, needs="solve_batch", may_decline=True),
+    Law(sequences.check_warm_start_is_cold_start, _batches, needs="session", may_decline=True),
 )
 LAWS = {law.name: law for law in _TABLE}

@@ -145,5 +145,8 @@ def _distance_from_polar(problem: DirectionProblem, epsilon: float) -> float:
     rows = unit_rows(problem.jacobian)
     is_tight = rows.per_length(problem.bound) >= -epsilon * size
     tight, equal = rows.jacobian[is_tight & ~problem.equality], rows.jacobian[problem.equality]
-    _, distance = nnls(np.vstack([tight, equal, -equal]).T, -problem.gradient / size)
+    generators = np.vstack([tight, equal, -equal])
+    if len(generators) == 0:  # scipy 1.17 aborts the process on a matrix without columns
+        return 1.0
+    _, distance = nnls(generators.T, -problem.gradient / size)
     return float(distance)

@@ -1,0 +1,327 @@
+"""Mutation evidence: a correct solver of a third party passes the kit; known-bad ones fail it, at the right law."""
+
+import os
+import warnings
+from dataclasses import dataclass
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cpgrl_opt import Direction, DirectionProblem, Status, kkt_residuals
+from cpgrl_opt.testing import LawBroken, check_direction_solver
+
+RANK = 1e-12
+
+
+def claimed(value, multipliers, status=Status.OPTIMAL):
+    return Direction(np.asarray(value, dtype=float), np.asarray(multipliers, dtype=float), status)
+
+
+def face_projection(g, rows, bound):
+    """(d, μ) of the projection onto rows d = bound, by a pseudo-inverse."""
+    inverse = np.linalg.pinv(rows, rcond=RANK)
+    d = g + inverse @ (bound - rows @ g)
+    d = d + inverse @ (bound - rows @ d)
+    return d, inverse.T @ (d - g)
+
+
+def nearest(g, rows, bound, equality, project=face_projection):
+    """(d, μ, error) of the best active set."""
+    best = (g, np.zeros(len(bound)), np.inf)
+    always, optional = np.flatnonzero(equality), np.flatnonzero(~equality)
+    for size in range(len(optional) + 1):
+        for more in combinations(optional, size):
+            face = np.array([*always, *more], dtype=int)
+            mu = np.zeros(len(bound))
+            d, mu[face] = project(g, rows[face], bound[face])
+            lack = bound - rows @ d
+            error = max(np.where(equality, np.abs(lack), np.maximum(lack, -mu)).max(initial=0.0), 0.0)
+            if error < best[2]:
+                best = d, mu, error
+    return best
+
+
+@dataclass(frozen=True)
+class ByHand:
+    """Every active set in plain NumPy on unit rows; declares neither a tolerance nor the cases that it takes."""
+
+    def solve(self, problem):
+        if not np.isfinite(problem.gradient).all() or np.isnan(problem.bound).any():
+            raise ValueError("found what is not finite")
+        lengths = np.linalg.norm(problem.jacobian, axis=1)
+        on = (problem.bound > -np.inf) & (lengths > 0)
+        impossible = (lengths == 0) & ((problem.bound > 0) | (problem.equality & (problem.bound != 0)))
+        if not np.isfinite(lengths).all() or (problem.bound == np.inf).any():
+            raise ValueError("found what is not finite")
+        rows, bound, equality = problem.jacobian[on] / lengths[on, None], problem.bound[on] / lengths[on], problem.equality[on]
+        scale = max([np.linalg.norm(problem.gradient), *np.where(equality, np.abs(bound), bound)]) or 1.0
+        g, bound = problem.gradient / scale, bound / scale
+        d, weights, error = nearest(g, rows, bound, equality)
+        mu = np.zeros(problem.m)
+        mu[on] = weights * scale / lengths[on]
+        answer = Direction(d * scale, mu, Status.OPTIMAL)
+        if not impossible.any() and error < 1e-9 and kkt_residuals(problem, answer).worst <= 1e-6:
+            return answer
+        return self.infeasible(problem, (g, rows, bound, equality), on, impossible, lengths, scale)
+
+    def infeasible(self, problem, parts, on, impossible, lengths, scale):
+        """min ‖y − b‖ s.t. Jᵀy = 0, y ≥ 0 on I is both the least violation and Farkas' vector."""
+        g, rows, bound, equality = parts
+        sides = np.vstack([np.eye(len(bound))[~equality], rows.T])
+        is_null = np.arange(len(sides)) >= (~equality).sum()
+        y, _, _ = nearest(bound, sides, np.zeros(len(sides)), is_null)
+        d, _, error = nearest(g, rows, bound - y, equality)
+        proof = np.zeros(problem.m)
+        proof[on] = y / lengths[on]
+        if impossible.any():
+            proof = np.where(impossible, np.sign(problem.bound), 0.0)
+        status = Status.INFEASIBLE if impossible.any() or np.linalg.norm(y) > 1e-4 else Status.UNCERTIFIED
+        return Direction(d * scale, proof, status)
+
+
+def test_a_correct_solver_of_a_third_party_passes():
+    verdict = check_direction_solver(ByHand(), max_examples=25)
+    verdict.raise_for_failures()
+    assert [result.check for result in verdict.results if not result.supported] == [
+        "check_batch_is_loop",
+        "check_warm_start_is_cold_start",
+    ]
+
+
+CORRECT = ByHand()
+
+
+def flipped_sign_of_the_gradient(problem):
+    """ν = max(λc − r, 0)/s with g of the reward where the derivation has g of the loss: the multipliers of −g."""
+    flipped = DirectionProblem(-problem.gradient, problem.jacobian, problem.bound, problem.equality)
+    mu = CORRECT.solve(flipped).multipliers
+    return claimed(problem.gradient + mu @ problem.jacobian, mu)
+
+
+def unit_length(problem):
+    answer = CORRECT.solve(problem)
+    size = np.linalg.norm(answer.value)
+    return claimed(answer.value / (size or 1.0), answer.multipliers, answer.status)
+
+
+def ridge(problem):
+    """P with (J Jᵀ + 1e-4 I)⁻¹ on the rows that bind."""
+    answer = CORRECT.solve(problem)
+    face = problem.equality | (answer.multipliers > 0)
+    rows, bound = problem.jacobian[face], problem.bound[face]
+    mu = np.zeros(problem.m)
+    mu[face] = np.linalg.solve(rows @ rows.T + 1e-4 * np.eye(len(rows)), bound - rows @ problem.gradient)
+    return claimed(problem.gradient + mu @ problem.jacobian, mu, answer.status)
+
+
+def printed_stop_rule(problem):
+    """§2.3 as printed: stop when λ has no *negative* component, else drop the largest λ."""
+    active = np.ones(problem.m, dtype=bool)
+    while True:
+        d, weights = face_projection(problem.gradient, problem.jacobian[active], np.zeros(active.sum()))
+        lam = np.full(problem.m, -np.inf)
+        lam[active] = -weights
+        if not (lam[active] < 0).any():
+            return claimed(d, np.where(active, -lam, 0.0))
+        active[lam.argmax()] = False
+
+
+def short_rows_ignored(problem):
+    if np.linalg.norm(problem.jacobian) < 1e-2:
+        return claimed(problem.gradient, np.zeros(problem.m))
+    return CORRECT.solve(problem)
+
+
+def gram_without_row_scaling(problem):
+    """The right active set, then pinv(J Jᵀ) of the raw rows."""
+    answer = CORRECT.solve(problem)
+    if answer.status != Status.OPTIMAL:
+        return answer
+    face = problem.equality | (answer.multipliers > 0)
+    rows, mu = problem.jacobian[face], np.zeros(problem.m)
+    mu[face] = np.linalg.pinv(rows @ rows.T) @ (problem.bound[face] - rows @ problem.gradient)
+    return claimed(problem.gradient + mu @ problem.jacobian, mu)
+
+
+def every_row_an_equality(problem):
+    answer = CORRECT.solve(DirectionProblem(problem.gradient, problem.jacobian, 0.0, True))
+    return claimed(answer.value, answer.multipliers)
+
+
+def always_declines(problem):
+    return claimed(np.zeros(problem.n), np.zeros(problem.m), Status.UNCERTIFIED)
+
+
+def always_zero(problem):
+    return claimed(np.zeros(problem.n), np.zeros(problem.m))
+
+
+def always_infeasible(problem):
+    return claimed(np.zeros(problem.n), np.ones(problem.m), Status.INFEASIBLE)
+
+
+def never_infeasible(problem):
+    answer = CORRECT.solve(problem)
+    return claimed(answer.value, answer.multipliers)
+
+
+def infeasible_without_proof(problem):
+    answer = CORRECT.solve(problem)
+    if answer.status == Status.INFEASIBLE:
+        return claimed(problem.gradient, np.ones(problem.m), Status.INFEASIBLE)
+    return answer
+
+
+def infeasible_with_proof_and_the_gradient(problem):
+    answer = CORRECT.solve(problem)
+    if answer.status == Status.INFEASIBLE:
+        return claimed(problem.gradient, answer.multipliers, Status.INFEASIBLE)
+    return answer
+
+
+def not_a_number(problem):
+    return claimed(np.full(problem.n, np.nan), np.zeros(problem.m))
+
+
+def prints(problem):
+    print("Optimal solution found!")
+    return CORRECT.solve(problem)
+
+
+def writes_from_c(problem):
+    os.write(2, b" ** On entry to DLASCL parameter number 4 had an illegal value\n")
+    return CORRECT.solve(problem)
+
+
+def warns(problem):
+    warnings.warn("inaccurate", RuntimeWarning, stacklevel=2)
+    return CORRECT.solve(problem)
+
+
+def normalises_in_place(problem):
+    answer = CORRECT.solve(problem)
+    if problem.m and problem.jacobian.flags.writeable:
+        problem.jacobian[:] /= np.maximum(np.linalg.norm(problem.jacobian, axis=1, keepdims=True), 1e-300)
+    return answer
+
+
+def swallows_nan(problem):
+    """Comparisons with NaN are false, so no constraint looks violated."""
+    g, rows = problem.gradient, problem.jacobian
+    if not (rows @ g < problem.bound).any() and not problem.equality.any():
+        return claimed(g, np.zeros(problem.m))
+    return CORRECT.solve(problem)
+
+
+def raises(problem):
+    if np.linalg.matrix_rank(problem.jacobian) < problem.m:
+        raise np.linalg.LinAlgError("Singular matrix")
+    return CORRECT.solve(problem)
+
+
+def forgets_the_last_row(problem):
+    fewer = DirectionProblem(problem.gradient, problem.jacobian[:-1], problem.bound[:-1], problem.equality[:-1])
+    answer = CORRECT.solve(fewer)
+    return claimed(answer.value, [*answer.multipliers, *np.zeros(problem.m - fewer.m)], answer.status)
+
+
+def metric_forgotten(problem):
+    """The projection in another metric than the one asked for."""
+    weights = 1.0 + np.arange(problem.n)
+    answer = CORRECT.solve(
+        DirectionProblem(problem.gradient * weights, problem.jacobian / weights, problem.bound, problem.equality)
+    )
+    return claimed(answer.value / weights, answer.multipliers, answer.status)
+
+
+class StaleActiveSet:
+    """Keeps the active set of the last problem of the same size."""
+
+    def __init__(self):
+        self.faces = {}
+
+    def __call__(self, problem):
+        answer = CORRECT.solve(problem)
+        face = self.faces.get(problem.m, answer.multipliers > 0)
+        self.faces[problem.m] = answer.multipliers > 0
+        d, weights = face_projection(problem.gradient, problem.jacobian[face], problem.bound[face])
+        mu = np.zeros(problem.m)
+        mu[face] = weights
+        return claimed(d, mu, answer.status)
+
+
+class OwnRandomness:
+    def __init__(self):
+        self.rng = np.random.default_rng(0)
+
+    def __call__(self, problem):
+        answer = CORRECT.solve(problem)
+        return claimed(answer.value * (1 + 1e-12 * self.rng.random()), answer.multipliers, answer.status)
+
+
+def every_case(problem):
+    return True
+
+
+def cone_only(problem):
+    return not problem.equality.any() and not problem.bound.any()
+
+
+def inequalities_only(problem):
+    return not problem.equality.any()
+
+
+# mutant → the laws that name what is wrong with it, and the problems it takes
+MUTANTS = {
+    flipped_sign_of_the_gradient: (("check_complementarity", "check_idempotence"), inequalities_only),
+    unit_length: (("check_stationarity", "check_scaling", "check_gradient_kept_when_feasible"), every_case),
+    ridge: (("check_primal_feasibility",), every_case),
+    printed_stop_rule: (("check_primal_feasibility", "check_dual_feasibility"), cone_only),
+    short_rows_ignored: (("check_primal_feasibility", "check_row_scaling"), every_case),
+    gram_without_row_scaling: (("check_primal_feasibility", "check_row_scaling"), every_case),
+    every_row_an_equality: (("check_dual_feasibility", "check_gradient_kept_when_feasible"), cone_only),
+    metric_forgotten: (("check_stationarity", "check_rotation", "check_agreement_with_enumeration"), every_case),
+    forgets_the_last_row: (("check_primal_feasibility", "check_permutation"), every_case),
+    always_declines: (("check_stationarity", "check_infeasible_is_called_infeasible"), every_case),
+    always_zero: (("check_zero_only_when_optimal", "check_stationarity"), every_case),
+    always_infeasible: (("check_feasible_is_not_called_infeasible", "check_claims_are_certified"), every_case),
+    never_infeasible: (("check_infeasible_is_called_infeasible", "check_claims_are_certified"), every_case),
+    infeasible_without_proof: (("check_infeasible_is_called_infeasible",), every_case),
+    infeasible_with_proof_and_the_gradient: (("check_least_violation",), every_case),
+    not_a_number: (("check_stationarity", "check_claims_are_certified"), every_case),
+    swallows_nan: (("check_non_finite_is_refused",), every_case),
+    raises: (("check_duplicate_row",), every_case),
+    prints: (("check_silence",), every_case),
+    writes_from_c: (("check_silence",), every_case),
+    warns: (("check_silence",), every_case),
+    normalises_in_place: (("check_input_is_unchanged",), every_case),
+    StaleActiveSet: (("check_answers_repeat", "check_claims_are_certified"), inequalities_only),
+    OwnRandomness: (("check_answers_repeat",), every_case),
+}
+CASES = [(mutant, law) for mutant, (laws, _) in MUTANTS.items() for law in laws]
+
+
+def as_solver(mutant):
+    method = mutant() if isinstance(mutant, type) else mutant
+    return SimpleNamespace(solve=method, supports=MUTANTS[mutant][1])
+
+
+@pytest.mark.parametrize(("mutant", "law"), CASES, ids=lambda item: getattr(item, "__name__", item))
+def test_a_known_bad_solver_is_rejected_with_a_counterexample_that_runs(mutant, law):
+    verdict = check_direction_solver(as_solver(mutant), checks=[law], max_examples=60)
+    assert not verdict.passed
+    result = verdict[law]
+    assert result.problem
+    if mutant is always_declines:
+        assert result.declined > 0.05 * result.run
+        return
+    assert result.failed > 0
+    assert f"def test_{law.removeprefix('check_')}_holds_here(solver)" in result.counterexample
+    scope = {}
+    exec(result.counterexample, scope)
+    example = scope[f"test_{law.removeprefix('check_')}_holds_here"]
+    if not isinstance(mutant, type):  # those with a memory need not fail twice in a row
+        with pytest.raises(LawBroken):
+            example(as_solver(mutant))
+    example(CORRECT)
