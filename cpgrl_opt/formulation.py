@@ -59,7 +59,7 @@ def cone(constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:  # 
 def restoring(constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:
     """One QP, J s ≥ (αₑ/α₁) t."""
     bound = np.where(constraints.active, rate_ratio * constraints.target, -np.inf)
-    return ProblemBatch(constraints.gradient, constraints.jacobian, bound, np.zeros_like(constraints.active))
+    return ProblemBatch.trusted(constraints.gradient, constraints.jacobian, bound, np.zeros_like(constraints.active))
 
 
 FORMULATIONS: dict[str, Formulation] = {"equality": equality, "cone": cone, "restoring": restoring}
@@ -68,7 +68,7 @@ FORMULATIONS: dict[str, Formulation] = {"equality": equality, "cone": cone, "res
 def least_norm_restoration(constraints: ActiveConstraints) -> ProblemBatch:
     """v = J⁺ t on the active rows: argmin ½‖v‖² s.t. J v = t. Source: eq. 10, v = −d."""
     bound = np.where(constraints.active, constraints.target, -np.inf)
-    return ProblemBatch(np.zeros_like(constraints.gradient), constraints.jacobian, bound, constraints.active)
+    return ProblemBatch.trusted(np.zeros_like(constraints.gradient), constraints.jacobian, bound, constraints.active)
 
 
 def _tangent_and_restoration(constraints: ActiveConstraints, equality: Bool[np.ndarray, "B m"]) -> ProblemBatch:
@@ -81,4 +81,4 @@ def _tangent_and_restoration(constraints: ActiveConstraints, equality: Bool[np.n
     np.copyto(bound[0], 0.0, where=constraints.active)
     np.copyto(bound[1], constraints.target, where=constraints.active)
     both = np.concatenate((equality, equality))
-    return ProblemBatch(gradient, jacobian.reshape(2 * runs, m, n), bound.reshape(2 * runs, m), both)
+    return ProblemBatch.trusted(gradient, jacobian.reshape(2 * runs, m, n), bound.reshape(2 * runs, m), both)

@@ -49,8 +49,7 @@ class DirectionProblem:
         require_shape("bound", b, (m,))
         require_shape("equality", is_equality, (m,))
         _require_bounds(b, is_equality)
-        for name, value in zip(("gradient", "jacobian", "bound", "equality"), (g, J, b, is_equality), strict=True):
-            object.__setattr__(self, name, value)
+        _set_fields(self, g, J, b, is_equality)
 
     @property
     def n(self) -> int:
@@ -88,8 +87,20 @@ class ProblemBatch(Sequence[DirectionProblem]):
         if not (np.isfinite(g).all() and np.isfinite(J).all()):
             raise ValueError("gradient and jacobian should be finite; found NaN or infinity")
         _require_bounds(b, is_equality)
-        for name, value in zip(("gradient", "jacobian", "bound", "equality"), (g, J, b, is_equality), strict=True):
-            object.__setattr__(self, name, value)
+        _set_fields(self, g, J, b, is_equality)
+
+    @classmethod
+    def trusted(
+        cls,
+        gradient: Float[np.ndarray, "B n"],
+        jacobian: Float[np.ndarray, "B m n"],
+        bound: Float[np.ndarray, "B m"],
+        equality: Bool[np.ndarray, "B m"],
+    ) -> "ProblemBatch":
+        """A batch of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
+        batch = object.__new__(cls)
+        _set_fields(batch, gradient, jacobian, bound, equality)
+        return batch
 
     @classmethod
     def stack(cls, problems: Sequence[DirectionProblem]) -> "ProblemBatch":
@@ -120,6 +131,13 @@ class ProblemBatch(Sequence[DirectionProblem]):
     def __getitem__(self, index: int | slice) -> "DirectionProblem | ProblemBatch":
         parts = (self.gradient[index], self.jacobian[index], self.bound[index], self.equality[index])
         return ProblemBatch(*parts) if isinstance(index, slice) else DirectionProblem(*parts)
+
+
+def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
+    object.__setattr__(frozen, "gradient", g)
+    object.__setattr__(frozen, "jacobian", J)
+    object.__setattr__(frozen, "bound", b)
+    object.__setattr__(frozen, "equality", is_equality)
 
 
 def _require_bounds(bound: Float[np.ndarray, "..."], equality: Bool[np.ndarray, "..."]) -> None:

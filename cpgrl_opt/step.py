@@ -3,9 +3,9 @@
 θ ← θ + α₁ s + αₑ v        (eq. 8 of the paper, v = −d)
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,7 +33,8 @@ class StepResult:
 
     change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ.
     Counts (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
-    skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened).
+    skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened),
+    flat (active constraints whose gradient is 0: to first order no direction changes them, so they are left out).
     """
 
     change: Float[np.ndarray, "*runs n"]
@@ -44,8 +45,9 @@ class StepResult:
     skipped: Int[np.ndarray, "*runs"]
     dropped: Int[np.ndarray, "*runs"]
     capped: Int[np.ndarray, "*runs"]
+    flat: Int[np.ndarray, "*runs"]
 
-    COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped")
+    COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "flat")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,40 +107,54 @@ class ConstrainedStep:
         require_shape("thresholds", limits, (m,))
         slack = linearization.slack(limits)
         active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
+        runs, count = slack.shape[:-1], math.prod(slack.shape[:-1])
         constraints = ActiveConstraints(
-            linearization.objective_gradient.reshape(-1, n),
-            linearization.jacobian.reshape(-1, m, n),
-            -np.minimum(slack, 0.0).reshape(-1, m),
-            active.reshape(-1, m),
+            np.ascontiguousarray(linearization.objective_gradient).reshape(count, n),
+            np.ascontiguousarray(linearization.jacobian).reshape(count, m, n),
+            np.maximum(-slack, 0.0).reshape(count, m),
+            active.reshape(count, m),
         )
-        return _shaped(_Run(self, observe).step(constraints), slack.shape[:-1], active)
+        run = _Run(self, observe, count)
+        change, stationary = run.step(constraints)
+        counts = {name: counted.reshape(runs) for name, counted in run.counts.items()}
+        return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), **counts)
 
 
 class _Run:
     """One call of a step: carries the counts while the pieces below do the work."""
 
-    def __init__(self, settings: ConstrainedStep, observe: Observer | None) -> None:
+    def __init__(self, settings: ConstrainedStep, observe: Observer | None, runs: int) -> None:
         self.settings = settings
         self.observe = observe
-        self.counts: dict[str, Any] = {}
+        self.counts = dict(zip(StepResult.COUNTS, np.zeros((len(StepResult.COUNTS), runs), np.int64), strict=True))
 
-    def step(self, constraints: ActiveConstraints) -> dict[str, np.ndarray]:
-        settings = self.settings
-        runs, n = constraints.gradient.shape
-        self.counts = {name: np.zeros(runs, dtype=np.int64) for name in StepResult.COUNTS}
+    def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
+        """The change of θ (B, n) and whether a run is stationary (B,)."""
+        settings, n = self.settings, constraints.gradient.shape[1]
+        constraints = self.without_flat(constraints)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
         if settings.max_restoration < np.inf:
             constraints = self.capped(constraints)
-        tangent, restoration, multipliers = self.solve(constraints, np.arange(runs))
-        if settings.formulation == "equality" and settings.drop != "never":
-            self.drop(constraints, tangent, restoration, multipliers)
-        change = settings.step_size * tangent + settings.restoration_rate * restoration
-        change[self.counts["skipped"] > 0] = 0.0
+        tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.gradient)))
         still = _vanishes(tangent, constraints.gradient)
         if settings.formulation == "equality":
-            still &= (multipliers >= 0).all(axis=1)
-        return {"change": change[:, :n], "stationary": still, **self.counts}
+            if settings.drop == "always" or (settings.drop == "stationary" and still.any()):
+                self.drop(constraints, tangent, restoration, multipliers)
+                still = _vanishes(tangent, constraints.gradient)
+            if still.any():
+                still &= (multipliers >= 0).all(axis=1)
+        change = settings.step_size * tangent + settings.restoration_rate * restoration
+        change[self.counts["skipped"] > 0] = 0.0
+        return change[:, :n], still
+
+    def without_flat(self, constraints: ActiveConstraints) -> ActiveConstraints:
+        """𝒜 without the constraints whose gradient is 0."""
+        flat = constraints.active & ~constraints.jacobian.any(axis=2)
+        if not flat.any():
+            return constraints
+        self.counts["flat"] += flat.sum(axis=1)
+        return replace(constraints, active=constraints.active & ~flat)
 
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
@@ -147,12 +163,7 @@ class _Run:
         too_long = length > self.settings.max_restoration
         self.counts["capped"] += too_long
         factor = np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
-        return ActiveConstraints(
-            constraints.gradient,
-            constraints.jacobian,
-            constraints.target * factor[:, None],
-            constraints.active,
-        )
+        return replace(constraints, target=constraints.target * factor[:, None])
 
     def solve(
         self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]
@@ -210,9 +221,7 @@ class _Run:
                 return
             active[chosen, largest[chosen]] = False
             self.counts["dropped"][chosen] += 1
-            fewer = ActiveConstraints(constraints.gradient, constraints.jacobian, constraints.target, active).rows(
-                positive
-            )
+            fewer = replace(constraints, active=active).rows(positive)
             tangent[chosen], restoration[chosen], multipliers[chosen] = self.solve(fewer, chosen)
 
     def largest_multiplier(
@@ -231,8 +240,3 @@ def _vanishes(tangent: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """‖PΔ¹‖ ≤ 1e-10 ‖Δ¹‖, in max-norms: they neither over- nor underflow."""
     largest: np.ndarray = np.abs(tangent).max(axis=1)
     return largest <= _STATIONARY * np.abs(gradient).max(axis=1)
-
-
-def _shaped(parts: dict[str, np.ndarray], leading: tuple[int, ...], active: np.ndarray) -> StepResult:
-    shaped = {name: part.reshape(leading + part.shape[1:]) for name, part in parts.items()}
-    return StepResult(active=active, **shaped)

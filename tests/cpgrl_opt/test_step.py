@@ -107,6 +107,12 @@ def test_many_runs_at_once_are_the_same_runs_one_by_one(formulation):
         np.testing.assert_array_equal(result.change[index], alone.change)
 
 
+@pytest.mark.parametrize("formulation", FORMULATION_NAMES)
+def test_a_learner_without_constraints_climbs(formulation):
+    result = plain(formulation=formulation)(random_linearization(0, m=0, runs=(2,)), [])
+    np.testing.assert_array_equal(result.change, 0.02 * random_linearization(0, m=0, runs=(2,)).objective_gradient)
+
+
 def test_slack_never_pushes_towards_the_boundary():
     """A rule with a margin activates a satisfied constraint; its restoration is 0, not −slack."""
     linearization = Linearization([0.0, 0.5], [[1.0, 1.0], [0.0, 1.0]])
@@ -223,6 +229,15 @@ class TestStatuses:
             np.testing.assert_allclose(result.change, change, atol=1e-14)
             assert result.infeasible == 1
             assert result.fallback == 0
+
+    def test_an_active_constraint_without_gradient_is_left_out_and_counted(self):
+        flat = Linearization([0.0, -1.0, -1.0], [[1.0, 1.0], [0.0, 0.0], [0.0, 1.0]])
+        alone = Linearization([0.0, -1.0], [[1.0, 1.0], [0.0, 1.0]])
+        for formulation in FORMULATION_NAMES:
+            result = plain(formulation=formulation)(flat, [0.0, 0.0])
+            np.testing.assert_array_equal(result.change, plain(formulation=formulation)(alone, [0.0]).change)
+            assert (result.flat, result.infeasible) == (1, 0)
+            assert result.active.all()
 
     def test_one_failing_run_does_not_touch_the_others(self):
         both = Linearization([[0.0, -1.0], [0.0, 1.0]], np.stack([self.LINEARIZATION.gradients] * 2))
