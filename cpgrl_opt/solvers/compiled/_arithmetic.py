@@ -1,7 +1,5 @@
 """Sums of products over rows of a matrix: in four lanes for speed, in twice the precision for refinement."""
 
-from math import sqrt
-
 from ._workspace import kernel
 
 _SPLIT = 2.0**27 + 1.0
@@ -24,23 +22,10 @@ def dot(matrix, a, b):
 
 
 @kernel
-def norm(matrix, a):
-    """‖row a‖₂."""
-    return sqrt(dot(matrix, a, a))
-
-
-@kernel
 def add(matrix, a, c, b):
     """Row a += c · row b."""
     for j in range(matrix.shape[1]):
         matrix[a, j] += c * matrix[b, j]
-
-
-@kernel
-def copy(matrix, a, b):
-    """Row a ← row b."""
-    for j in range(matrix.shape[1]):
-        matrix[a, j] = matrix[b, j]
 
 
 @kernel
@@ -57,12 +42,3 @@ def add_product(high, low, a, b):
     total = high + product
     part = total - high
     return total, low + (error + ((high - (total - part)) + (product - part)))
-
-
-@kernel
-def sharp_slack(matrix, a, b, start):
-    """Start − row a · row b, rounded once."""
-    high, low = start, 0.0
-    for j in range(matrix.shape[1]):
-        high, low = add_product(high, low, -matrix[a, j], matrix[b, j])
-    return high + low

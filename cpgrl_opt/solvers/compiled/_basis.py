@@ -1,15 +1,12 @@
-"""The active rows' orthonormal basis: Ĵ_active = Rᵀ Q, Q (q, n) with orthonormal rows, R (q, q) upper triangular.
-
-Modified Gram–Schmidt, again where cancellation asks for it: "twice is enough" (Giraud, Langou & Rozložník 2005).
-"""
+"""The active rows' orthonormal basis: Ĵ_active = Rᵀ Q, Q (q, n) with orthonormal rows, R (q, q) upper triangular."""
 
 from math import sqrt
 
-from ._arithmetic import add, add_product, copy, dot, sharp_slack
+from ._arithmetic import add, add_product, dot
 from ._workspace import (
     ACTIVE,
     BOUND,
-    COEFFICIENT,
+    CHANGE,
     EPS,
     EQUALITY,
     FORWARD,
@@ -19,53 +16,13 @@ from ._workspace import (
     REST,
     ROWS,
     SPARE,
+    STEP,
     TRIANGLE,
     USED,
     kernel,
 )
 
-
-@kernel
-def orthogonalise(space, small, vector, size):
-    """Takes the part along Q[:size] off a vector of length 1; COEFFICIENT = Q vector; returns the length left."""
-    basis = ROWS + small.shape[1]
-    for k in range(size):
-        small[COEFFICIENT, k] = 0.0
-    squared = 1.0
-    for _ in range(3):
-        before = squared
-        for k in range(size):
-            c = dot(space, basis + k, vector)
-            small[COEFFICIENT, k] += c
-            add(space, vector, -c, basis + k)
-        squared = dot(space, vector, vector)
-        if squared > 0.5 * before:
-            break
-    return sqrt(squared)
-
-
-@kernel
-def append(space, small, vector, size, length):
-    """Q and R grow by an orthogonalised vector of this length and its COEFFICIENT."""
-    row = ROWS + small.shape[1] + size
-    for j in range(space.shape[1]):
-        space[row, j] = space[vector, j] / length
-    for k in range(size):
-        small[TRIANGLE + k, size] = small[COEFFICIENT, k]
-    small[TRIANGLE + size, size] = length
-
-
-@kernel
-def remove(space, small, index, position, size):
-    """Takes a row out of the active set; those behind it are orthogonalised from scratch. Returns the new size."""
-    index[USED, index[ACTIVE, position]] = 0
-    first = ROWS + small.shape[1]
-    for k in range(position, size - 1):
-        index[ACTIVE, k] = index[ACTIVE, k + 1]
-        small[MULTIPLIER, k] = small[MULTIPLIER, k + 1]
-        copy(space, first + k, ROWS + index[ACTIVE, k])
-        append(space, small, first + k, k, orthogonalise(space, small, first + k, k))
-    return size - 1
+NEARLY_DEPENDENT = 1e-2  # with a diagonal element of R below this, projections are refined
 
 
 @kernel
@@ -89,92 +46,45 @@ def solve_lower(small, row, size):
 
 
 @kernel
-def _swap(space, small, index, a, b):
-    basis = ROWS + small.shape[1]
-    small[SPARE, a], small[SPARE, b] = small[SPARE, b], small[SPARE, a]
-    index[ACTIVE, a], index[ACTIVE, b] = index[ACTIVE, b], index[ACTIVE, a]
-    for j in range(space.shape[1]):
-        space[basis + a, j], space[basis + b, j] = space[basis + b, j], space[basis + a, j]
-    for k in range(TRIANGLE, TRIANGLE + a):
-        small[k, a], small[k, b] = small[k, b], small[k, a]
+def project(space, small, index, size, x, t, u, weight, sharp):
+    """Solves x − t = Ĵᵀ_active u, Ĵ_active x = weight·b̂ for x, given t (rows of space), and u (row of small).
 
-
-@kernel
-def equality_basis(space, small, index):
-    """Q and R of the equality rows, the farthest from the span so far first; returns their rank.
-
-    ACTIVE lists the independent rows, then the dependent ones. In this order a row that is a combination of
-    two nearly parallel ones is still seen to be one.
-    """
-    m = small.shape[1]
-    basis = ROWS + m
-    count = 0
-    for i in range(m):
-        if index[KIND, i] == EQUALITY:
-            copy(space, basis + count, ROWS + i)
-            index[ACTIVE, count] = i
-            small[SPARE, count] = 1.0
-            count += 1
-    for rank in range(count):
-        best = rank
-        for k in range(rank + 1, count):
-            if small[SPARE, k] > small[SPARE, best]:
-                best = k
-        if best != rank:
-            _swap(space, small, index, rank, best)
-        length = sqrt(small[SPARE, rank])
-        if length < 0.7:
-            for k in range(rank):
-                c = dot(space, basis + k, basis + rank)
-                small[TRIANGLE + k, rank] += c
-                add(space, basis + rank, -c, basis + k)
-            length = sqrt(dot(space, basis + rank, basis + rank))
-        if not length > RANK:
-            return rank
-        small[TRIANGLE + rank, rank] = length
-        for j in range(space.shape[1]):
-            space[basis + rank, j] /= length
-        for k in range(rank + 1, count):
-            c = dot(space, basis + rank, basis + k)
-            small[TRIANGLE + rank, k] = c
-            add(space, basis + k, -c, basis + rank)
-            small[SPARE, k] = dot(space, basis + k, basis + k)
-    return count
-
-
-@kernel
-def refine(space, small, index, size, x, t, u, weight, sharp):
-    """Refinement of x − t = Ĵᵀ_active u, Ĵ_active x = weight·b̂ for x and t in rows of space, u in a row of small.
-
-    Corrections by Q and R. Plain: two rounds, the first of which solves when started from x = t, u = 0; x comes
-    from the basis, since t + Ĵᵀu cancels where u is large. Sharp: residuals in twice the precision until nothing
-    changes; contracts by eps·cond(R) a round, so that rows 1e-9 rad apart cost two or three.
+    Corrections by Q and R, from x = t, u = 0: two rounds where the rows are well apart. Otherwise, or if sharp,
+    residuals in twice the precision until nothing changes; that contracts by eps·cond(R) a round, so that rows
+    1e-9 rad apart cost three or four, and x does not suffer from the cancellation in t + Ĵᵀu.
     Source: Björck 1967; Higham, Accuracy and Stability of Numerical Algorithms, §20.5.
     """
-    basis = ROWS + small.shape[1]
-    for _ in range(6 if sharp else 2):
-        for j in range(space.shape[1]):
-            space[REST, j] = space[t, j] - space[x, j]
-        if sharp:
-            for j in range(space.shape[1]):
+    n, basis = space.shape[1], ROWS + small.shape[1]
+    for j in range(n):
+        space[x, j] = space[t, j]
+    for k in range(size):
+        small[u, k] = 0.0
+        sharp = sharp or small[TRIANGLE + k, k] < NEARLY_DEPENDENT
+    for attempt in range(8 if sharp else 2):
+        for k in range(size):
+            i = ROWS + index[ACTIVE, k]
+            if sharp:
+                high, low = weight * small[BOUND, i - ROWS], 0.0
+                for j in range(n):
+                    high, low = add_product(high, low, -space[i, j], space[x, j])
+                small[FORWARD, k] = high + low
+            else:
+                small[FORWARD, k] = weight * small[BOUND, i - ROWS] - dot(space, i, x)
+        solve_lower(small, FORWARD, size)
+        for j in range(n):
+            high, low = space[t, j] - space[x, j], 0.0
+            if sharp and attempt > 0:
                 high, low = add_product(space[t, j], 0.0, -1.0, space[x, j])
                 for k in range(size):
                     high, low = add_product(high, low, small[u, k], space[ROWS + index[ACTIVE, k], j])
-                space[REST, j] = high + low
+            space[REST, j] = high + low
         for k in range(size):
-            i = index[ACTIVE, k]
-            if sharp:
-                small[FORWARD, k] = sharp_slack(space, ROWS + i, x, weight * small[BOUND, i])
-            else:
-                small[FORWARD, k] = weight * small[BOUND, i] - dot(space, ROWS + i, x)
-                add(space, REST, small[u, k], ROWS + i)
-        solve_lower(small, FORWARD, size)
+            if attempt > 0 and not sharp:
+                add(space, REST, small[u, k], ROWS + index[ACTIVE, k])
         for k in range(size):
-            c = dot(space, basis + k, REST)
+            c = dot(space, basis + k, REST) if attempt > 0 else 0.0
             small[SPARE, k] = small[FORWARD, k] - c
-            add(space, REST, -c, basis + k)
-        for k in range(size):
-            add(space, REST, small[FORWARD, k], basis + k)
+            add(space, REST, small[SPARE, k], basis + k)
         solve_upper(small, SPARE, size)
         total, change = 0.0, 0.0
         for k in range(size):
@@ -184,3 +94,72 @@ def refine(space, small, index, size, x, t, u, weight, sharp):
         add(space, x, 1.0, REST)
         if change <= 4 * EPS * total and dot(space, REST, REST) <= (4 * EPS) ** 2 * dot(space, x, x):
             break
+
+
+@kernel
+def append(space, small, index, p, size, length):
+    """Row p joins at position size: Q grows by STEP, its part orthogonal to Q, of this length."""
+    basis = ROWS + small.shape[1]
+    for j in range(space.shape[1]):
+        space[basis + size, j] = space[STEP, j] / length
+    for k in range(size):
+        small[TRIANGLE + k, size] = dot(space, basis + k, ROWS + p)
+    small[TRIANGLE + size, size] = length
+    index[ACTIVE, size] = p
+    index[USED, p] = 1
+
+
+@kernel
+def remove(space, small, index, position, size, sharp):
+    """Takes a row out of the active set; those behind it are orthogonalised from scratch. Returns the new size."""
+    index[USED, index[ACTIVE, position]] = 0
+    for k in range(position, size - 1):
+        p = index[ACTIVE, k + 1]
+        small[MULTIPLIER, k] = small[MULTIPLIER, k + 1]
+        project(space, small, index, k, STEP, ROWS + p, CHANGE, 0.0, sharp)
+        append(space, small, index, p, k, sqrt(dot(space, STEP, STEP)))
+    return size - 1
+
+
+@kernel
+def equality_basis(space, small, index):
+    """Q and R of the equality rows, the farthest from the span so far first; returns their rank.
+
+    ACTIVE lists the independent rows, then the dependent ones. In this order a row that is a combination of
+    two nearly parallel ones is still seen to be one. Modified Gram–Schmidt, again where cancellation asks for
+    it: "twice is enough" (Giraud, Langou & Rozložník 2005).
+    """
+    m, basis, count = small.shape[1], ROWS + small.shape[1], 0
+    for i in range(m):
+        index[USED, i] = 0
+        if index[KIND, i] == EQUALITY:
+            for j in range(space.shape[1]):
+                space[basis + count, j] = space[ROWS + i, j]
+            index[ACTIVE, count] = i
+            small[SPARE, count] = 1.0
+            count += 1
+    for rank in range(count):
+        best = rank
+        for k in range(rank + 1, count):
+            if small[SPARE, k] > small[SPARE, best]:
+                best = k
+        if best != rank:
+            index[ACTIVE, rank], index[ACTIVE, best] = index[ACTIVE, best], index[ACTIVE, rank]
+            small[SPARE, rank], small[SPARE, best] = small[SPARE, best], small[SPARE, rank]
+            for j in range(space.shape[1]):
+                a, b = space[basis + rank, j], space[basis + best, j]
+                space[basis + rank, j], space[basis + best, j] = b, a
+        if small[SPARE, rank] < 0.5:
+            for k in range(rank):
+                add(space, basis + rank, -dot(space, basis + k, basis + rank), basis + k)
+        length = sqrt(dot(space, basis + rank, basis + rank))
+        if not length > RANK:
+            return rank
+        p = index[ACTIVE, rank]
+        for j in range(space.shape[1]):
+            space[STEP, j] = space[basis + rank, j]
+        append(space, small, index, p, rank, length)
+        for k in range(rank + 1, count):
+            add(space, basis + k, -dot(space, basis + rank, basis + k), basis + rank)
+            small[SPARE, k] = dot(space, basis + k, basis + k)
+    return count

@@ -1,0 +1,38 @@
+"""The referee's residuals for batches; compiled apart, since only tests and comparisons ask for it."""
+
+from math import inf
+
+from numba import njit
+
+from ._certificate import scaled_residuals
+from ._scaling import length_of, scale_problem
+from ._workspace import BOUND, BY_ROW, IMPOSSIBLE, KIND, LENGTH, TARGET, VALUE, allocate
+
+
+@njit(
+    "void(Array(f8, 2, 'C', readonly=True), Array(f8, 3, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
+    "Array(b1, 2, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
+    "f8[:, ::1])",
+    cache=True,
+    error_model="numpy",
+)
+def certify_batch(gradient, jacobian, bound, equality, value, multipliers, residuals_out):
+    """residuals_out (B, 4) = stationarity, primal, dual, complementarity of (d, μ) for each problem as given."""
+    count, m, n = jacobian.shape
+    space, small, index = allocate(m, n)
+    for b in range(count):
+        scale = scale_problem(space, small, index, gradient[b], jacobian[b], bound[b], equality[b])
+        own = length_of(value[b])
+        own = own if own > scale else scale
+        for j in range(n):
+            space[VALUE, j] = value[b, j] / own
+            space[TARGET, j] *= scale / own
+        for i in range(m):
+            small[BOUND, i] *= scale / own
+            small[BY_ROW, i] = multipliers[b, i] * (small[LENGTH, i] / own)
+        residuals = scaled_residuals(space, small, index)
+        for r in range(4):
+            residuals_out[b, r] = residuals[r] if residuals[r] < inf else inf
+        for i in range(m):
+            if index[KIND, i] == IMPOSSIBLE:
+                residuals_out[b, 1] = inf
