@@ -10,10 +10,10 @@
 (10, (2, 9))
 """
 
-from .estimators import GPOMDP, Estimate, Estimation, ExactGradient, GradientEstimator
+from .estimators import GPOMDP, Estimate, Estimation, ExactGradient, GradientEstimator, KondaActorCritic
 from .learners import CPGRL, ConstraintSwitching, Learner, LearnerUpdate, WeightedSum
 from .parallel import map_runs
-from .policies import LinearGaussian, LinearSoftmax, Policy, SoftmaxTable
+from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
 from .training import DivergenceError, TrainingRecord, train, uniform_parameters
 
 __all__ = [
@@ -25,10 +25,12 @@ __all__ = [
     "Estimation",
     "ExactGradient",
     "GradientEstimator",
+    "KondaActorCritic",
     "Learner",
     "LearnerUpdate",
     "LinearGaussian",
     "LinearSoftmax",
+    "NormalizedGaussianNetwork",
     "Policy",
     "SoftmaxTable",
     "TrainingRecord",

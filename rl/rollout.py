@@ -12,12 +12,13 @@ from .policies import Policy
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Step:
-    """x_t, u_t, the rewards that (x_t, u_t) yields, (1 + m,), and the event that ended the episode, 0 for none."""
+    """x_t, u_t, the rewards that (x_t, u_t) yields, (1 + m,), the event that ended the episode, 0 for none, x_{t+1}."""
 
     observation: Any
     action: Any
     reward: Float[np.ndarray, "channels"]
     event: int
+    following: Any
 
 
 def episode(environment: Any, policy: Policy, rng: np.random.Generator, limit: int) -> Iterator[Step]:
@@ -30,7 +31,7 @@ def episode(environment: Any, policy: Policy, rng: np.random.Generator, limit: i
         action = policy.sample(observation, rng)
         following, reward, terminated, truncated, info = environment.step(action)
         event = int(info.get("event", 1)) if terminated else 0
-        yield Step(observation, action, _vector(reward), event)
+        yield Step(observation, action, _vector(reward), event, following)
         if terminated or truncated:
             return
         observation = following

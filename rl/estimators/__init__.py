@@ -3,5 +3,14 @@
 from .exact_gradient import ExactGradient, FiniteMDP
 from .gpomdp import GPOMDP
 from .interface import Estimate, Estimation, GradientEstimator
+from .konda_actor_critic import KondaActorCritic
 
-__all__ = ["GPOMDP", "Estimate", "Estimation", "ExactGradient", "FiniteMDP", "GradientEstimator"]
+__all__ = [
+    "GPOMDP",
+    "Estimate",
+    "Estimation",
+    "ExactGradient",
+    "FiniteMDP",
+    "GradientEstimator",
+    "KondaActorCritic",
+]

@@ -22,6 +22,7 @@ from envs.random_stream import next_word
 
 from ..policies import SoftmaxTable
 from .interface import Estimate
+from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
@@ -62,7 +63,7 @@ class FiniteGPOMDP:
         self.following = 1.0 if paper else settings.trace_decay  # c
         self.trace_decay, self.average_rate = float(settings.trace_decay), float(settings.average_rate)
         self.random_states = np.array([random_state(stream) for stream in streams])
-        self.averages = np.zeros((len(streams), channels))
+        self.average = StoredAverage(settings.average, settings.average_rate, len(streams), channels)
         self.shape = (len(streams), channels, states * actions)
         self.taken = np.full(len(streams), self.steps)
         self.events = np.zeros(len(streams), dtype=np.int64)
@@ -82,11 +83,11 @@ class FiniteGPOMDP:
             self.following,
             self.average_rate,
             self.random_states,
-            self.averages,
+            self.average.per_step,
             gradients,
             rewards,
         )
-        return Estimate(self.averages.copy(), gradients, self.taken, rewards, self.events)
+        return Estimate(self.average.store(rewards), gradients, self.taken, rewards, self.events)
 
 
 @_kernel("void(float64[::1], float64[:, ::1], int64[:, ::1])")

@@ -9,10 +9,11 @@ from jaxtyping import Float
 
 from cpgrl_opt.arrays import Vector
 
-from ..policies import Policy, SoftmaxTable
+from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
 from ..rollout import episode, reward_channels
 from .interface import Estimate, Estimation
+from .stored_average import StoredAverage, require_averages
 
 WEIGHTS = ("paper", "usual")
 
@@ -26,11 +27,13 @@ class GPOMDP:
     T steps makes T − 1 updates. With "usual", rⁱ(x_t, u_t) meets z_{t+1}: weights 1, β, β², …, T updates.
     z and Δ restart with each episode; ρ goes on from the last one's (our reading of §2.4, which breaks off).
 
-    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; steps T: an episode's time limit.
+    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; steps T: an episode's time limit, unless the environment's
+    own is shorter. average: "step" or "episode", for all channels or for each, see `StoredAverage`.
     Bias, the price of β < 1 (measured at β = 0.99, steps → ∞, relative to the exact gradient's norm, over channels
     of the three-state MDP and policies θ ~ U[0, 1]⁹): see `benchmarks/trace_decay_bias.py`.
-    A finite MDP with a `SoftmaxTable` runs compiled, keeping 4 bytes of each step. Any other pair takes
-    the generic path: a Gymnasium environment with vector rewards that `reset(seed=…)` starts anew.
+    A finite MDP with a `SoftmaxTable` runs compiled, keeping 4 bytes of each step, and so does a
+    `ContinuousEnvironment` with a `NormalizedGaussianNetwork`, keeping none. Any other pair takes the generic path:
+    a Gymnasium environment with vector rewards that `reset(seed=…)` starts anew.
     Source: eq. 3 and 4 of the paper; Baxter & Bartlett (2001).
     """
 
@@ -38,6 +41,7 @@ class GPOMDP:
     average_rate: float = 0.02
     weights: str = "paper"
     steps: int = 100
+    average: str | Sequence[str] = "step"
 
     def __post_init__(self) -> None:
         if not 0 <= self.trace_decay < 1:
@@ -47,15 +51,22 @@ class GPOMDP:
         if self.weights not in WEIGHTS:
             raise ValueError(f"weights should be one of {', '.join(WEIGHTS)}; found {self.weights!r}")
         require_count("steps", self.steps)
+        if not isinstance(self.average, str):
+            object.__setattr__(self, "average", tuple(self.average))
+        require_averages(self.average)
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
-        from envs.interface import FiniteEnvironment  # Gymnasium loads with envs
+        from envs.interface import ContinuousEnvironment, FiniteEnvironment  # Gymnasium loads with envs
 
         if isinstance(environment, FiniteEnvironment) and isinstance(policy, SoftmaxTable):
             from .finite_gpomdp import FiniteGPOMDP  # numba loads here
 
             return FiniteGPOMDP(self, environment.finite_kernel(), policy, streams)
+        if isinstance(environment, ContinuousEnvironment) and isinstance(policy, NormalizedGaussianNetwork):
+            from .continuous_gpomdp import ContinuousGPOMDP  # and here
+
+            return ContinuousGPOMDP(self, environment.continuous_kernels(), policy, streams)
         return RolloutGPOMDP(self, environment, policy, streams)
 
 
@@ -72,17 +83,18 @@ class RolloutGPOMDP:
         self.environment = environment
         self.policy = policy
         self.rngs = [np.random.default_rng(stream) for stream in streams]
-        self.averages = np.zeros((len(self.rngs), reward_channels(environment)))
+        channels = reward_channels(environment)
+        self.average = StoredAverage(settings.average, settings.average_rate, len(self.rngs), channels)
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
         runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
         gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
-        return Estimate(self.averages.copy(), gradients, steps, rewards, events)
+        return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
     def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
         beta, paper = self.settings.trace_decay, self.settings.weights == "paper"
-        policy, average = self.policy.with_parameters(theta), self.averages[run]
+        policy, average = self.policy.with_parameters(theta), self.average.per_step[run]
         trace, rewards = np.zeros(len(theta)), np.zeros(len(average))
         gradients = np.zeros((len(average), len(theta)))
         updates = steps = event = 0

@@ -1,0 +1,114 @@
+"""GPOMDP in a compiled environment: B runs advance one episode, each of its own length, in one call."""
+
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+from jaxtyping import Float
+
+from envs.interface import ContinuousKernels
+
+from ..policies import NormalizedGaussianNetwork
+from ..policies.normalized_gaussian_kernels import act, exchange
+from .continuous_rollout import ContinuousRollout, rollout_signature
+from .interface import Estimate
+from .stored_average import StoredAverage
+
+if TYPE_CHECKING:
+    from .gpomdp import GPOMDP
+
+_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
+
+
+class ContinuousGPOMDP:
+    """B runs of `GPOMDP` on `ContinuousKernels`; carries ρ and the random states."""
+
+    def __init__(
+        self,
+        settings: "GPOMDP",
+        kernels: ContinuousKernels,
+        policy: NormalizedGaussianNetwork,
+        streams: Sequence[np.random.SeedSequence],
+    ) -> None:
+        self.rollout = ContinuousRollout(advance, kernels, policy, settings.steps, streams)
+        runs, channels, _ = self.rollout.shape
+        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.settings = (settings.weights == "paper", float(settings.trace_decay), float(settings.average_rate))
+
+    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
+        """One episode of each run."""
+        own = (*self.settings, self.average.per_step)
+        gradients, rewards, steps, events = self.rollout.advance(parameters, own)
+        return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
+
+
+@_kernel("void(float64[::1], float64, float64[::1])")
+def _add(vector, factor, into):  # type: ignore[no-untyped-def]
+    """into ← into + factor · vector."""
+    for j in range(vector.size):
+        into[j] += factor * vector[j]
+
+
+@_kernel("void(boolean, float64, float64[::1], float64[::1], float64[::1])")
+def _meet(paper, decay, score, trace, met):  # type: ignore[no-untyped-def]
+    """z ← βz + ψ, and what the reward meets: z + ψ with the z before ("paper"), or the z after."""
+    for j in range(score.size):
+        extended = decay * trace[j] + score[j]
+        met[j] = trace[j] + score[j] if paper else extended
+        trace[j] = extended
+
+
+@_kernel(rollout_signature("boolean, float64, float64, float64[:, ::1]"))
+def advance(  # type: ignore[no-untyped-def]
+    reset,
+    step,
+    constants,
+    limit,
+    counts,
+    places,
+    falls,
+    deviation,
+    parameters,
+    random_states,
+    paper,
+    trace_decay,
+    average_rate,
+    averages,  # (B, 1 + m), advanced
+    gradients,
+    reward_sums,
+    lengths,
+    events,
+):
+    """One episode of B runs, one after the other."""
+    runs, channels, n = gradients.shape
+    size = 1
+    for count in counts:
+        size *= count
+    state, action, reward = np.empty(counts.size), np.empty(n // size), np.empty(channels)
+    weights, features, score, met = np.empty(counts.max()), np.empty(size), np.empty(n), np.empty(n)
+    theta, trace, sums = np.empty(n), np.empty(n), np.empty((channels, n))
+    for run in range(runs):
+        random_state = random_states[run]
+        exchange(parameters[run], size, theta)
+        sums[:], trace[:], reward_sums[run] = 0.0, 0.0, 0.0
+        reset(constants, random_state, state)
+        event = length = updates = 0
+        while event == 0 and length < limit:
+            act(theta, state, deviation, counts, places, falls, random_state, weights, features, action, score)
+            event = step(constants, state, action, random_state, reward)
+            _meet(paper, trace_decay, score, trace, met)
+            enters = length > 0 or not paper  # as printed, r(x₀, u₀) enters neither Δ nor ρ
+            length += 1
+            updates += enters
+            for i in range(channels):
+                reward_sums[run, i] += reward[i]
+                if enters:
+                    averages[run, i] += average_rate * (reward[i] - averages[run, i])
+                    if reward[i] != 0.0:
+                        _add(met, reward[i], sums[i])
+        lengths[run], events[run] = length, event
+        sums /= max(updates, 1)
+        for i in range(channels):
+            exchange(sums[i], n // size, gradients[run, i])

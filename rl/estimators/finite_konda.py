@@ -1,0 +1,153 @@
+"""Konda's actor-critic on a finite MDP with a softmax table, compiled: B runs advance one episode in one call.
+
+A score is zero outside its state, so wᵀψ costs A products, and Q enters Δ through sums for each pair (state, action):
+Δⁱ = (1/T) Σ_q ψ(q) Σ_{t: q_t = q} Qⁱ. Only the trace and w itself are of θ's length at every step.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+from jaxtyping import Float
+
+from envs.interface import FiniteKernel, random_state
+from envs.random_stream import next_word
+
+from ..policies import SoftmaxTable
+from .finite_gpomdp import _WORD, _contract, _drawn, _tabulate
+from .interface import Estimate
+from .stored_average import StoredAverage
+
+if TYPE_CHECKING:
+    from .konda_actor_critic import KondaActorCritic
+
+_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
+
+
+class FiniteKonda:
+    """B runs of `KondaActorCritic` on a `FiniteKernel`; carries ρ, w and the random states.
+
+    Draws as in `FiniteGPOMDP`, and one more at an episode's end for the action to bootstrap from.
+    Raises ValueError when the policy's table does not fit the kernel.
+    """
+
+    def __init__(
+        self,
+        settings: "KondaActorCritic",
+        kernel: FiniteKernel,
+        policy: SoftmaxTable,
+        streams: Sequence[np.random.SeedSequence],
+    ) -> None:
+        channels, states, actions = kernel.rewards.shape
+        if (policy.states, policy.actions) != (states, actions):
+            raise ValueError(
+                f"policy should have {states} states and {actions} actions, as the environment; "
+                f"found {policy.states} and {policy.actions}"
+            )
+        runs = len(streams)
+        self.rewards = np.ascontiguousarray(kernel.rewards.reshape(channels, -1).T)
+        self.transitions = np.ceil(kernel.transition_cumulative * _WORD).astype(np.int64)
+        self.start = kernel.start
+        self.steps = int(settings.steps)
+        self.rates = (float(settings.trace_decay), float(settings.average_rate), float(settings.critic_rate))
+        self.random_states = np.array([random_state(stream) for stream in streams])
+        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.critics = np.zeros((runs, channels, states * actions))
+
+    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
+        """One episode of each run in one compiled call."""
+        gradients, rewards = np.empty(self.critics.shape), np.empty(self.critics.shape[:2])
+        advance(
+            np.ascontiguousarray(parameters),
+            self.transitions,
+            self.rewards,
+            self.start,
+            self.steps,
+            *self.rates,
+            self.random_states,
+            self.average.per_step,
+            self.critics,
+            gradients,
+            rewards,
+        )
+        runs = len(self.random_states)
+        none = np.zeros(runs, dtype=np.int64)
+        return Estimate(self.average.store(rewards), gradients, np.full(runs, self.steps), rewards, none)
+
+
+@_kernel("float64(float64[::1], float64[::1], int64)")
+def _value(critic, probabilities, action):  # type: ignore[no-untyped-def]
+    """wᵀψ(s, a) from the state's row of w and of μ: w_a − Σ_b μ_b w_b."""
+    value = critic[action]
+    for b in range(critic.size):
+        value -= probabilities[b] * critic[b]
+    return value
+
+
+@_kernel("void(float64, float64[::1], int64, int64, float64[:, ::1])")
+def _extend(decay, probabilities, state, action, trace):  # type: ignore[no-untyped-def]
+    """z ← βz + ψ(s, a); z: (S, A)."""
+    for s in range(trace.shape[0]):
+        for b in range(trace.shape[1]):
+            trace[s, b] *= decay
+    for b in range(probabilities.size):
+        trace[state, b] -= probabilities[b]
+    trace[state, action] += 1.0
+
+
+@_kernel("void(float64, float64[:, ::1], float64[::1])")
+def _add(change, trace, critic):  # type: ignore[no-untyped-def]
+    """w ← w + α_w δ z."""
+    flat = trace.ravel()
+    for j in range(critic.size):
+        critic[j] += change * flat[j]
+
+
+@_kernel(
+    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, "
+    "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])"
+)
+def advance(  # type: ignore[no-untyped-def]
+    parameters,  # (B, S·A)
+    transitions,  # (S, A, S) least draws beyond each next state
+    rewards,  # (S·A, 1 + m)
+    start,
+    steps,
+    trace_decay,
+    average_rate,
+    critic_rate,
+    random_states,  # (B, 4), advanced
+    averages,  # (B, 1 + m), advanced
+    critics,  # (B, 1 + m, S·A), advanced
+    gradients,  # (B, 1 + m, S·A), filled
+    reward_sums,  # (B, 1 + m), filled
+):
+    """One episode of B runs, one after the other."""
+    states, actions = transitions.shape[:2]
+    probabilities, thresholds = np.empty((states, actions)), np.empty((states, actions), np.int64)
+    trace, gathered = np.empty((states, actions)), np.empty(rewards.shape)
+    for run in range(parameters.shape[0]):
+        _tabulate(parameters[run], probabilities, thresholds)
+        trace[:], gathered[:], reward_sums[run] = 0.0, 0.0, 0.0
+        s = start
+        word = next_word(random_states[run])
+        a = _drawn(thresholds[s], np.int64(word >> np.uint64(32)))
+        for _ in range(steps):
+            taken, q = a, s * actions + a
+            _extend(trace_decay, probabilities[s], s, a, trace)
+            following = _drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
+            word = next_word(random_states[run])
+            a = _drawn(thresholds[following], np.int64(word >> np.uint64(32)))
+            for i in range(rewards.shape[1]):
+                critic, reward = critics[run, i], rewards[q, i]
+                value = _value(critic[s * actions : (s + 1) * actions], probabilities[s], taken)
+                gathered[q, i] += value
+                reward_sums[run, i] += reward
+                averages[run, i] += average_rate * (reward - averages[run, i])
+                next_row = critic[following * actions : (following + 1) * actions]
+                delta = reward - averages[run, i] + _value(next_row, probabilities[following], a) - value
+                _add(critic_rate * delta, trace, critic)
+            s = following
+        _contract(gathered, probabilities, steps, gradients[run])

@@ -1,0 +1,139 @@
+"""Konda's actor-critic: policy gradients of all reward channels from one critic for each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cpgrl_opt.arrays import Vector
+
+from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
+from ..policies.interface import require_count
+from ..rollout import Step, episode, reward_channels
+from .interface import Estimate, Estimation
+from .stored_average import StoredAverage, require_averages
+
+
+@dataclass(frozen=True, kw_only=True)
+class KondaActorCritic:
+    """Qⁱ(x, u) = wⁱᵀψ(x, u),   Δⁱ ← mean of Qⁱ(x_t, u_t) ψ_t,   at every step, in this order:
+
+        Δⁱ ← Δⁱ + (wⁱᵀψ_t ψ_t − Δⁱ)/(t + 1)            eq. 5
+        z ← βz + ψ_t
+        ρⁱ ← ρⁱ + α_r (rⁱ_t − ρⁱ)                      eq. 4
+        δⁱ = rⁱ_t − ρⁱ + wⁱᵀ(ψ_{t+1} − ψ_t)
+        wⁱ ← wⁱ + α_w δⁱ z
+
+    rⁱ_t is what (x_t, u_t) yields. The paper prints r_{t+1}, with which Q(x_t, u_t) would lose its own reward; its
+    limit is then off the exact gradient by more than half, against 0.003–0.011 (reproduction.md, slip 9).
+    ρ is subtracted in every critic, in reward per step whatever `average` says. z and Δ restart with each episode;
+    w and ρ go on (§2.4 as we read it; resetting w kills learning). ψ_{t+1} = 0 after an event that ends the episode;
+    at the time limit one more action is drawn to bootstrap from.
+    As the critic settles, w tends to the fixed point of TD(β) and Δ to E[ψψᵀ]w, as β → 1 to the exact gradient.
+
+    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: ≥ 0, the paper's is α_r.
+    average: "step" or "episode", for all channels or for each, see `StoredAverage`; steps: an episode's time limit,
+    unless the environment's own is shorter.
+    A finite MDP with a `SoftmaxTable` and a `ContinuousEnvironment` with a `NormalizedGaussianNetwork` run compiled.
+    Any other pair takes the generic path: a Gymnasium environment with vector rewards.
+    Source: eq. 5 of the paper and the equations after it; Konda & Tsitsiklis (2003).
+    """
+
+    trace_decay: float = 0.99
+    average_rate: float = 0.02
+    critic_rate: float = 0.02
+    average: str | Sequence[str] = "step"
+    steps: int = 1000
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.trace_decay < 1:
+            raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
+        if not 0 <= self.average_rate <= 1:
+            raise ValueError(f"average_rate should be in [0, 1]; found {self.average_rate!r}")
+        if not 0 <= self.critic_rate < np.inf:
+            raise ValueError(f"critic_rate should be a finite number ≥ 0; found {self.critic_rate!r}")
+        if not isinstance(self.average, str):
+            object.__setattr__(self, "average", tuple(self.average))
+        require_averages(self.average)
+        require_count("steps", self.steps)
+
+    def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
+        """Compiled where environment and policy allow it, generic otherwise."""
+        from envs.interface import ContinuousEnvironment, FiniteEnvironment  # Gymnasium loads with envs
+
+        if isinstance(environment, FiniteEnvironment) and isinstance(policy, SoftmaxTable):
+            from .finite_konda import FiniteKonda  # numba loads here
+
+            return FiniteKonda(self, environment.finite_kernel(), policy, streams)
+        if isinstance(environment, ContinuousEnvironment) and isinstance(policy, NormalizedGaussianNetwork):
+            from .continuous_konda import ContinuousKonda  # and here
+
+            return ContinuousKonda(self, environment.continuous_kernels(), policy, streams)
+        return RolloutKonda(self, environment, policy, streams)
+
+
+class RolloutKonda:
+    """The generic path: any Gymnasium environment with vector rewards, any policy; a plain loop.
+
+    One environment serves all runs: each episode resets it with a seed from the run's own stream.
+    """
+
+    def __init__(
+        self, settings: KondaActorCritic, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
+    ) -> None:
+        self.settings = settings
+        self.environment = environment
+        self.policy = policy
+        self.rngs = [np.random.default_rng(stream) for stream in streams]
+        channels = reward_channels(environment)
+        self.average = StoredAverage(settings.average, settings.average_rate, len(self.rngs), channels)
+        self.critics = np.zeros((len(self.rngs), channels, len(policy.parameters)))
+
+    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
+        """One episode of each run."""
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
+            runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
+        gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
+        return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
+
+    def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
+        policy, rng = self.policy.with_parameters(theta), self.rngs[run]
+        course = _Course(self.settings, self.average.per_step[run], self.critics[run])
+        last: Step | None = None
+        for step in episode(self.environment, policy, rng, self.settings.steps):
+            score = policy.score(step.observation, step.action)
+            if last is not None:
+                course.advance(last.reward, score)
+            course.score = score
+            last = step
+        assert last is not None  # the limit is at least one step
+        following = np.zeros_like(course.score)
+        if not last.event:
+            following = policy.score(last.following, policy.sample(last.following, rng))
+        course.advance(last.reward, following)
+        return course.gradients, course.steps, course.rewards, last.event
+
+
+class _Course:
+    """One episode: z and Δ from zero; ρ and w, (1 + m,) and (1 + m, n), are advanced in place."""
+
+    def __init__(self, settings: KondaActorCritic, average: np.ndarray, critics: np.ndarray) -> None:
+        self.settings = settings
+        self.average = average
+        self.critics = critics
+        self.score = self.trace = np.zeros(critics.shape[1])
+        self.gradients, self.rewards = np.zeros_like(critics), np.zeros_like(average)
+        self.steps = 0
+
+    def advance(self, reward: np.ndarray, following: np.ndarray) -> None:
+        """The step with score ψ_t that yielded `reward` and was followed by ψ_{t+1}."""
+        settings, score = self.settings, self.score
+        self.steps += 1
+        self.rewards += reward
+        self.gradients += (np.outer(self.critics @ score, score) - self.gradients) / self.steps  # eq. 5
+        self.trace = settings.trace_decay * self.trace + score
+        self.average += settings.average_rate * (reward - self.average)  # eq. 4
+        delta = reward - self.average + self.critics @ (following - score)
+        self.critics += settings.critic_rate * np.outer(delta, self.trace)

@@ -1,0 +1,135 @@
+"""The normalised Gaussian network: the policy of the two-link arm (§4.1)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpgrl_opt.arrays import Vector
+
+from .interface import parameter_vector, require_count
+
+_NARROWEST = 0.1  # of the spacing: narrower ones tell cells apart, nothing more, and overflow when compiled
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class NormalizedGaussianNetwork:
+    """u ~ N(Θᵀn(x), σ²I),   nⱼ(x) = gⱼ(x)/Σₖ gₖ(x),   gⱼ(x) = exp(−½ Σ_d ((x_d − c_{j,d})/w_d)²).
+
+        ψ = n(x) ⊗ (u − Θᵀn(x))/σ²,     μ_θ(x, u) ∝ exp(−‖u − Θᵀn(x)‖²/(2σ²))
+
+    The exponent holds the *squared* norm: the paper prints ‖·‖ where a Gaussian has ‖·‖² (reproduction.md, slip 5);
+    its η₂ is 1/(2σ²). u is taken as drawn: an environment that clips it does so behind the policy.
+
+    low, high: (D,), the corners of the grid of centres, in the unit of x, both ends included; counts: (D,), centres
+    along each axis, ≥ 2; w_d is `width`, ≥ 0.1, times the spacing along axis d. For the arm:
+    `TwoLinkArm().stops`, (5, 8) and 1.
+    dimensions: d of the action; deviation σ: > 0, in the unit of u.
+    θ: (K·d,), Θ (K, d) by rows, K = Π counts; basis function j counts the grid with its last axis fastest, so with
+    counts (5, 8) θ[2(8a + b) + c] is what centre (a, b) adds to component c of the mean. Zeros unless given.
+    Raises ValueError for other bounds, counts, numbers. Source: §4.1 of the paper; Moody & Darken (1989), eq. 4.
+    """
+
+    low: Vector
+    high: Vector
+    counts: tuple[int, ...]
+    dimensions: int
+    deviation: float
+    width: float
+    parameters: Vector
+
+    def __init__(
+        self,
+        low: ArrayLike,
+        high: ArrayLike,
+        counts: Sequence[int],
+        dimensions: int,
+        *,
+        deviation: float = 1.0,
+        width: float = 1.0,
+        parameters: ArrayLike | None = None,
+    ) -> None:
+        for count in counts:
+            require_count("counts", count, 2)
+        require_count("dimensions", dimensions)
+        if not 0 < deviation < np.inf:
+            raise ValueError(f"deviation should be a finite number > 0; found {deviation!r}")
+        if not _NARROWEST <= width < np.inf:
+            raise ValueError(f"width should be a finite number ≥ {_NARROWEST}; found {width!r}")
+        corners = _corners(low, high, len(counts))
+        size = int(np.prod(counts))
+        for name, value in (
+            ("low", corners[0]),
+            ("high", corners[1]),
+            ("counts", tuple(int(count) for count in counts)),
+            ("dimensions", int(dimensions)),
+            ("deviation", float(deviation)),
+            ("width", float(width)),
+            ("parameters", parameter_vector(parameters, size * dimensions)),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def size(self) -> int:
+        """K, the number of basis functions."""
+        return len(self.parameters) // self.dimensions
+
+    @property
+    def spacing(self) -> Vector:
+        """(D,), between neighbouring centres, in the unit of x."""
+        spacing: Vector = (self.high - self.low) / (np.array(self.counts) - 1)
+        return spacing
+
+    def features(self, observation: ArrayLike) -> Vector:
+        """n(x), (K,): positive or underflown to 0, summing to 1.
+
+        Gaussians of a grid are products over its axes, and so are the normalised ones: one vector for each axis.
+        """
+        places = (np.asarray(observation, dtype=np.float64) - self.low) / self.spacing
+        product = np.ones(1)
+        for place, count in zip(places, self.counts, strict=True):
+            exponents = -0.5 * ((place - np.arange(count)) / self.width) ** 2
+            weights = np.exp(exponents - exponents.max())  # far outside the grid too, the nearest centre is left
+            product = np.outer(product, weights / weights.sum()).reshape(-1)
+        return product
+
+    def mean(self, observation: ArrayLike) -> Vector:
+        """Θᵀn(x), (d,)."""
+        return self._of(self.features(observation))
+
+    def sample(self, observation: ArrayLike, rng: np.random.Generator) -> Vector:
+        """An action, (d,)."""
+        return self.mean(observation) + self.deviation * rng.standard_normal(self.dimensions)
+
+    def score(self, observation: ArrayLike, action: ArrayLike) -> Vector:
+        """ψ of the action as drawn, before any clipping, (K·d,)."""
+        features = self.features(observation)
+        surprise = (np.asarray(action, dtype=np.float64) - self._of(features)) / self.deviation**2
+        return np.outer(features, surprise).reshape(-1)
+
+    def with_parameters(self, parameters: ArrayLike) -> Self:
+        """The network at another θ, (K·d,)."""
+        return type(self)(
+            self.low, self.high, self.counts, self.dimensions,
+            deviation=self.deviation, width=self.width, parameters=parameters,
+        )  # fmt: skip
+
+    def _of(self, features: Vector) -> Vector:
+        mean: Vector = features @ self.parameters.reshape(-1, self.dimensions)
+        return mean
+
+
+def _corners(low: ArrayLike, high: ArrayLike, axes: int) -> NDArray[np.float64]:
+    """Read-only copies of both corners, (2, D)."""
+    if axes == 0:
+        raise ValueError("counts should hold a number for each axis of the state; found none")
+    for name, corner in (("low", low), ("high", high)):
+        if np.shape(corner) != (axes,):
+            raise ValueError(f"{name} should have shape ({axes},), as counts; found {np.shape(corner)}")
+    corners = np.array([low, high], dtype=np.float64)
+    if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
+        raise ValueError(f"low and high should be finite, low < high; found {corners[0]}, {corners[1]}")
+    corners.flags.writeable = False
+    return corners
