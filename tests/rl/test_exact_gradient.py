@@ -1,0 +1,101 @@
+"""With exact gradients CPGRL climbs to the linear programme's optimum, and the paper's termination comes true."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep
+from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
+from rl import CPGRL, ExactGradient, LinearSoftmax, SoftmaxTable, TrainingRecord, train, uniform_parameters
+
+FORMULATIONS = ["equality", "cone", "restoring"]
+
+
+def last_record(mdp: TabularMDP, step: ConstrainedStep, thresholds: np.ndarray, episodes: int) -> TrainingRecord:
+    policy, initial = SoftmaxTable(mdp.states, mdp.actions), uniform_parameters(mdp.states * mdp.actions)
+    learner = CPGRL(step, thresholds)
+    *_, record = train(mdp, policy, ExactGradient(), learner, episodes=episodes, runs=1, initial=initial)
+    return record
+
+
+def assert_at_the_optimum(mdp: TabularMDP, formulation: str, thresholds: np.ndarray) -> None:
+    """ρ¹ within 0.03 of the optimum's, no constraint missed by more than 0.02; starting points are far from both."""
+    step = ConstrainedStep(formulation=formulation, step_size=4.0, restoration_rate=0.5)
+    record = last_record(mdp, step, thresholds, 90)
+    table = SoftmaxTable(mdp.states, mdp.actions, record.parameters[0]).probabilities()
+    values, optimum = mdp.average_rewards(table), mdp.constrained_optimum(thresholds).values
+    assert abs(values[0] - optimum[0]) < 0.03
+    assert (values[1:] - thresholds).min() > -0.02
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_the_three_state_optimum_is_reached(formulation: str) -> None:
+    assert_at_the_optimum(ThreeStateMDP(), formulation, np.zeros(3))
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_optimum_of_a_random_mdp_is_reached_with_a_constraint_in_the_way(seed: int, formulation: str) -> None:
+    rng = np.random.default_rng(seed)
+    mdp = random_mdp(rng, 4, 3, 3)
+    free = mdp.constrained_optimum(np.full(2, -np.inf)).values
+    others = mdp.average_rewards(rng.dirichlet(np.full(3, 0.2), size=(200, 4)))
+    better = others[(others[:, 1:] - free[1:]).min(axis=1).argmax()]
+    thresholds = (free[1:] + better[1:]) / 2  # halfway between two policies' values: feasible
+    assert (free[1:] - thresholds).min() < -0.03  # the unconstrained optimum would fail
+    assert_at_the_optimum(mdp, formulation, thresholds)
+
+
+def test_without_constraints_the_best_policy_is_reached() -> None:
+    mdp = random_mdp(np.random.default_rng(7), 3, 3, 1)
+    assert_at_the_optimum(mdp, "equality", np.zeros(0))
+
+
+def opposed(sign: float) -> tuple[TabularMDP, np.ndarray, np.ndarray]:
+    """r² = sign·r¹ and a policy that meets G² exactly, so that Δ² = sign·Δ¹ is active."""
+    mdp = ThreeStateMDP(rewards=np.array(ThreeStateMDP().rewards[0]) * np.array([1.0, sign])[:, None, None])
+    theta = np.random.default_rng(0).random(9)
+    return mdp, theta, mdp.average_rewards(SoftmaxTable(3, 3, theta).probabilities())[1:]
+
+
+def test_training_stops_where_the_gradient_vanishes_on_the_tangent_and_no_multiplier_is_positive() -> None:
+    mdp, theta, thresholds = opposed(-1.0)
+    learner = CPGRL(ConstrainedStep(), thresholds)
+    policy = SoftmaxTable(3, 3, theta)
+    records = list(train(mdp, policy, ExactGradient(), learner, episodes=9, runs=2, stop_when_stationary=True))
+    assert len(records) == 1
+    assert records[0].update.stationary.all()
+    np.testing.assert_allclose(records[0].parameters, [theta, theta], atol=1e-12)
+    assert len(list(train(mdp, policy, ExactGradient(), learner, episodes=9, runs=2))) == 9
+
+
+def test_training_goes_on_where_a_positive_multiplier_says_that_the_constraint_may_be_dropped() -> None:
+    """reproduction.md, slip 1: "no negative components" must read "no positive"."""
+    mdp, theta, thresholds = opposed(1.0)
+    learner = CPGRL(ConstrainedStep(drop="stationary"), thresholds)
+    records = list(
+        train(mdp, SoftmaxTable(3, 3, theta), ExactGradient(), learner, episodes=5, runs=1, stop_when_stationary=True)
+    )
+    assert len(records) == 5
+    assert records[-1].linearization.values[0, 0] > records[0].linearization.values[0, 0]
+
+
+def test_values_and_gradients_are_the_mdps_own() -> None:
+    mdp, theta = random_mdp(np.random.default_rng(1), 3, 2, 4), np.random.default_rng(2).normal(size=(3, 6))
+    estimate = ExactGradient().start(mdp, SoftmaxTable(3, 2), [np.random.SeedSequence(0)] * 3).episode(theta)
+    step = 1e-6
+    for run in range(3):
+        table = SoftmaxTable(3, 2, theta[run])
+        np.testing.assert_array_equal(estimate.values[run], mdp.average_rewards(table.probabilities()))
+        for index, e in enumerate(np.eye(6)):
+            up, down = (
+                mdp.average_rewards(table.with_parameters(theta[run] + h * e).probabilities()) for h in (step, -step)
+            )
+            np.testing.assert_allclose(estimate.gradients[run, :, index], (up - down) / (2 * step), atol=1e-7)
+
+
+def test_what_is_no_finite_mdp_or_no_table_is_refused() -> None:
+    stream = [np.random.SeedSequence(0)]
+    with pytest.raises(ValueError, match="environment should have average_rewards"):
+        ExactGradient().start(TabularEnv(ThreeStateMDP()), SoftmaxTable(3, 3), stream)
+    with pytest.raises(ValueError, match="policy should be a SoftmaxTable"):
+        ExactGradient().start(ThreeStateMDP(), LinearSoftmax(lambda s: np.eye(3)[s], 3, 3), stream)
