@@ -74,7 +74,7 @@ def save_figure(figure: "Figure", directory: Path, name: str) -> list[Path]:
 
 def panel_letter(axes: "Axes", letter: str, text: str = "") -> None:
     """(a) in bold above the panel's left edge, then its title."""
-    axes.set_title(rf"$\bf{{({letter})}}$  {text}", loc="left", pad=4)
+    axes.set_title(rf"$\bf{{({letter})}}$  {text}", loc="left", y=1.0, pad=4)
 
 
 def caption(figure: "Figure", text: str) -> None:

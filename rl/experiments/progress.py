@@ -25,13 +25,15 @@ class TrainingProgress:
 
     def __init__(self, bars: Progress, labels: Sequence[str], episodes: int) -> None:
         self._bars = bars
-        self._tasks: dict[str, TaskID] = {label: bars.add_task(label, total=episodes) for label in labels}
+        self._tasks: dict[str, TaskID] = {
+            label: bars.add_task(f"{label}, waiting or compiling", total=episodes) for label in labels
+        }
         self._done: dict[str, int] = {}
 
     def listen(self, report: Report) -> None:
         """Moves the bar."""
         self._done[report.label] = report.episode
-        self._bars.update(self._tasks[report.label], completed=report.episode)
+        self._bars.update(self._tasks[report.label], completed=report.episode, description=report.label)
 
     def recorded(self) -> str:
         """How far each came, in words."""

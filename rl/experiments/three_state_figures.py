@@ -51,9 +51,11 @@ def averages_figure(
 
 def policies_figure(curves: Mapping[str, LearningCurves], mdp: TabularMDP) -> "Figure":
     """Fig. 5: Pr(a₁|s), Pr(a₂|s) over the episodes for every method (row) and state (column), on ρ¹ as grey."""
+    from matplotlib.ticker import MultipleLocator
+
     figure = blank_figure(PAGE_WIDTH, 7.0)
     panels = figure.subplots(len(curves), mdp.states, sharex=True, sharey=True, squeeze=False)
-    figure.subplots_adjust(left=0.1, right=0.88, top=0.96, bottom=0.135, wspace=0.08, hspace=0.08)
+    figure.subplots_adjust(left=0.105, right=0.88, top=0.96, bottom=0.135, wspace=0.08, hspace=0.08)
     backgrounds = {method: _averages_over_triangle(mdp, learned) for method, learned in curves.items()}
     low, high = (extreme([extreme(grid) for grid in backgrounds.values()]) for extreme in (np.min, np.max))
     for row, (method, learned) in zip(panels, curves.items(), strict=True):
@@ -67,6 +69,8 @@ def policies_figure(curves: Mapping[str, LearningCurves], mdp: TabularMDP) -> "F
     for axes in panels[-1]:
         axes.set_xlabel(r"$\Pr(a_1 \mid s)$")
     bar = figure.colorbar(image, cax=figure.add_axes((0.905, 0.37, 0.016, 0.36)))
+    bar.locator = MultipleLocator(0.5)
+    bar.update_ticks()
     bar.set_label(r"average reward $\rho^1$")
     bar.outline.set_linewidth(0.6)
     runs, _, _, _ = next(iter(curves.values())).policies.shape

@@ -21,7 +21,7 @@ from .three_state_figures import averages_figure, policies_figure
 
 # What a step counts (cpgrl_opt.StepResult), in words.
 _EVENTS = {
-    "infeasible": "infeasible subproblems",
+    "infeasible": "subproblems that no direction meets, their gradients being dependent (least violation taken)",
     "fallback": "subproblems handed to active-set",
     "skipped": "updates left out for want of a certified direction",
     "dropped": "constraints dropped (§2.3)",

@@ -62,7 +62,7 @@ def test_results_of_an_earlier_run_are_replaced_and_other_files_left(finished):
 
 
 def test_strict_exits_with_1_when_a_claim_fails(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *arguments: None)
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
     result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path, "--strict")
     assert result.exit_code == 1
     assert "claims hold" in result.stdout
