@@ -90,8 +90,9 @@ class NormalizedGaussianNetwork:
         places = (np.asarray(observation, dtype=np.float64) - self.low) / self.spacing
         product = np.ones(1)
         for place, count in zip(places, self.counts, strict=True):
-            exponents = -0.5 * ((place - np.arange(count)) / self.width) ** 2
-            weights = np.exp(exponents - exponents.max())  # far outside the grid too, the nearest centre is left
+            centres, nearest = np.arange(count), np.clip(np.rint(place), 0, count - 1)
+            # ½(place − nearest)² − ½(place − centre)²: the nearest one has weight 1, however far from the grid
+            weights = np.exp((centres - nearest) * (place - (centres + nearest) / 2) / self.width**2)
             product = np.outer(product, weights / weights.sum()).reshape(-1)
         return product
 

@@ -1,0 +1,174 @@
+"""The normalised Gaussian network: its basis, its density, its score; compiled = plain."""
+
+import numpy as np
+import pytest
+import scipy.stats
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from envs import random_state
+from rl import NormalizedGaussianNetwork
+from rl.policies.normalized_gaussian_kernels import act, exchange, fill_features, grid_of, normal_pair
+
+LOW, HIGH = [-1.0, 2.0], [1.0, 9.0]
+
+
+def network(deviation: float = 1.0, width: float = 1.0) -> NormalizedGaussianNetwork:
+    theta = np.random.default_rng(0).normal(size=80)
+    return NormalizedGaussianNetwork(LOW, HIGH, (5, 8), 2, deviation=deviation, width=width, parameters=theta)
+
+
+def by_definition(policy: NormalizedGaussianNetwork, state: np.ndarray) -> np.ndarray:
+    """gⱼ/Σg over the list of all centres, none taken apart by axes."""
+    axes = [np.linspace(*ends) for ends in zip(policy.low, policy.high, policy.counts, strict=True)]
+    centres = np.array(np.meshgrid(*axes, indexing="ij")).reshape(len(axes), -1).T
+    widths = policy.width * np.array([axis[1] - axis[0] for axis in axes])
+    g = np.exp(-0.5 * (((state - centres) / widths) ** 2).sum(axis=1))
+    return g / g.sum()
+
+
+@pytest.mark.parametrize("width", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("counts", [(5, 8), (2,), (3, 2, 4)])
+def test_features_are_gaussians_of_all_centres_over_their_sum(counts: tuple[int, ...], width: float) -> None:
+    rng, axes = np.random.default_rng(1), len(counts)
+    policy = NormalizedGaussianNetwork(-np.ones(axes), np.arange(1, axes + 1), counts, 1, width=width)
+    for state in rng.uniform(-2, axes + 1, (50, axes)):
+        np.testing.assert_allclose(policy.features(state), by_definition(policy, state), rtol=1e-11)
+
+
+def test_one_weight_moves_the_mean_most_at_its_centre() -> None:
+    policy = network()
+    for a, b, c in [(0, 0, 0), (1, 0, 1), (0, 1, 0), (4, 7, 1), (2, 5, 0)]:
+        theta = np.zeros(80)
+        theta[2 * (8 * a + b) + c] = 1.0
+        one = policy.with_parameters(theta)
+        grid = [[one.mean([x, y])[c] for y in np.linspace(2, 9, 8)] for x in np.linspace(-1, 1, 5)]
+        assert np.unravel_index(np.argmax(grid), (5, 8)) == (a, b)
+        assert one.mean([0.0, 5.0])[1 - c] == 0
+
+
+@pytest.mark.parametrize("state", [[0.0, 5.0], [1e9, 5.0], [-1e9, -1e9], [1e300, -1e300]])
+def test_features_sum_to_one_however_far_from_the_grid(state: list[float]) -> None:
+    features = network().features(state)
+    np.testing.assert_allclose(features.sum(), 1)
+    assert (features >= 0).all()
+
+
+def log_density(policy: NormalizedGaussianNetwork, state: np.ndarray, action: np.ndarray) -> float:
+    """log Π N(u_c; mean, σ²), written out."""
+    square = ((action - policy.mean(state)) ** 2).sum()
+    return float(-square / (2 * policy.deviation**2) - 2 * np.log(policy.deviation * np.sqrt(2 * np.pi)))
+
+
+@settings(max_examples=30)
+@given(
+    st.tuples(st.floats(-1.5, 1.5), st.floats(1, 10)),
+    st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
+    st.sampled_from([0.5, 1.0, 2.0]),
+)
+def test_the_score_is_the_gradient_of_the_log_density(state: object, action: object, deviation: float) -> None:
+    """Central differences are exact for a quadratic, up to rounding; the density has the squared norm (slip 5)."""
+    theta = np.random.default_rng(6).normal(size=12)
+    policy = NormalizedGaussianNetwork(LOW, HIGH, (3, 2), 2, deviation=deviation, parameters=theta)
+    x, u, expected = np.array(state), np.array(action), np.empty(12)
+    for j, direction in enumerate(np.eye(12)):
+        above, below = (policy.with_parameters(policy.parameters + h * direction) for h in (0.5, -0.5))
+        expected[j] = log_density(above, x, u) - log_density(below, x, u)
+    np.testing.assert_allclose(policy.score(x, u), expected, atol=1e-11)
+
+
+def test_the_density_falls_with_the_squared_distance() -> None:
+    policy, x = network(deviation=2.0), np.array([0.3, 4.0])
+    u = policy.mean(x)
+    ratio = policy.score(x, u + 4.0) / policy.score(x, u + 1.0)
+    np.testing.assert_allclose(ratio, 4)  # a plain norm would have a score of constant length
+
+
+def test_actions_have_the_mean_and_deviation_of_the_policy() -> None:
+    policy, x, rng = network(deviation=0.7), np.array([0.3, 4.0]), np.random.default_rng(2)
+    actions = np.array([policy.sample(x, rng) for _ in range(4_000)])
+    noise = (actions - policy.mean(x)) / 0.7
+    assert np.abs(noise.mean(axis=0)).max() < 6 / np.sqrt(4_000)
+    assert np.abs(np.cov(noise.T) - np.eye(2)).max() < 6 * np.sqrt(2 / 4_000)
+
+
+def test_another_theta_leaves_the_policy_as_it_was() -> None:
+    policy = network()
+    other = policy.with_parameters(np.ones(80))
+    assert other.counts == (5, 8)
+    assert other.deviation == policy.deviation
+    np.testing.assert_allclose(other.mean([0.0, 5.0]), [1, 1])
+    assert not np.allclose(policy.parameters, 1)
+    with pytest.raises(ValueError, match="read-only"):
+        policy.parameters[0] = 3.0
+    assert not NormalizedGaussianNetwork(LOW, HIGH, (5, 8), 2).parameters.any()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"low": [0.0]}, r"low should have shape \(2,\)"),
+        ({"high": [[1.0, 2.0]]}, r"high should have shape \(2,\)"),
+        ({"low": [1.0, 2.0]}, "low < high"),
+        ({"high": [np.nan, 9.0]}, "finite"),
+        ({"counts": (5, 1)}, "counts should be an integer ≥ 2; found 1"),
+        ({"counts": (), "low": [], "high": []}, "counts should hold a number"),
+        ({"dimensions": 0}, "dimensions should be"),
+        ({"deviation": 0.0}, "deviation should be"),
+        ({"width": 0.01}, "width should be"),
+        ({"parameters": np.zeros(79)}, r"parameters should have shape \(80,\)"),
+    ],
+)
+def test_bad_settings_are_refused(wrong: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        NormalizedGaussianNetwork(**{"low": LOW, "high": HIGH, "counts": (5, 8), "dimensions": 2, **wrong})  # type: ignore[arg-type]
+
+
+# --- compiled ----------------------------------------------------------------------------------------------------
+
+
+def compiled_features(policy: NormalizedGaussianNetwork, state: np.ndarray) -> np.ndarray:
+    features = np.empty(policy.size)
+    fill_features(np.array(state, dtype=float), *grid_of(policy), np.empty(max(policy.counts)), features)
+    return features
+
+
+@pytest.mark.parametrize("width", [0.1, 1.0, 3.0])
+@pytest.mark.parametrize("counts", [(5, 8), (2,), (3, 2, 4), (1500,)])
+def test_compiled_features_are_the_plain_ones(counts: tuple[int, ...], width: float) -> None:
+    rng, axes = np.random.default_rng(3), len(counts)
+    policy = NormalizedGaussianNetwork(np.zeros(axes), np.array(counts) - 1.0, counts, 1, width=width)
+    states = rng.uniform(-1.5, 1.5, (50, axes)) * policy.high
+    for state in np.concatenate([states, 1e4 * states[:5]]):
+        np.testing.assert_allclose(compiled_features(policy, state), policy.features(state), rtol=1e-9, atol=1e-14)
+
+
+def test_a_state_that_is_no_number_gives_features_that_are_none() -> None:
+    for state in ([np.nan, 5.0], [0.0, np.nan], [np.inf, np.nan]):
+        assert np.isnan(compiled_features(network(), np.array(state))).any()
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 3])
+def test_a_compiled_action_carries_its_own_score(dimensions: int) -> None:
+    theta = np.random.default_rng(4).normal(size=40 * dimensions)
+    policy = NormalizedGaussianNetwork(LOW, HIGH, (5, 8), dimensions, deviation=0.5, parameters=theta)
+    words = random_state(np.random.SeedSequence(1))
+    swapped, score, action = np.empty(theta.size), np.empty(theta.size), np.empty(dimensions)
+    exchange(theta, 40, swapped)
+    for state in np.random.default_rng(5).uniform(LOW, HIGH, (20, 2)):
+        draws = words.copy()
+        act(swapped, state, 0.5, *grid_of(policy), words, np.empty(8), np.empty(40), action, score)
+        noise = np.ravel([normal_pair(draws) for _ in range((dimensions + 1) // 2)])[:dimensions]
+        np.testing.assert_array_equal(words, draws)
+        np.testing.assert_allclose(action, policy.mean(state) + 0.5 * noise, rtol=1e-12)
+        by_rows = np.empty(theta.size)
+        exchange(score, dimensions, by_rows)
+        np.testing.assert_allclose(by_rows, policy.score(state, action), atol=1e-12)
+
+
+def test_compiled_normals_are_normal_and_pairs_independent() -> None:
+    words = random_state(np.random.SeedSequence(2))
+    pairs = np.array([normal_pair(words) for _ in range(50_000)])
+    assert scipy.stats.kstest(pairs.ravel(), "norm").pvalue > 1e-6
+    assert scipy.stats.kstest((pairs**2).sum(axis=1), scipy.stats.chi2(2).cdf).pvalue > 1e-6
+    assert abs(np.corrcoef(pairs.T)[0, 1]) < 6 / np.sqrt(50_000)
