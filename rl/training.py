@@ -58,6 +58,7 @@ def train(
     initial: Initial | None = None,
     observe: Observer | None = None,
     stop_when_stationary: bool = False,
+    max_change: float = np.inf,
 ) -> Iterator[TrainingRecord]:
     """while k < N_K: estimate ρ and Δ over an episode; update θ (§2.1). One record per episode.
 
@@ -65,14 +66,18 @@ def train(
     initial: draws a run's first θ from the run's own stream; the policy's θ for every run if not given.
     observe: sees every direction problem of the learner with its answer.
     stop_when_stationary: end after the update in which every run was stationary (the paper's termination).
-    Raises ValueError for bad input at once, DivergenceError when an estimate or θ is not finite.
+    max_change: the most by which an update may move a component of θ, in its unit. A diverging update need not reach
+    infinity: on the arm the paper's own throws θ so far that the policy never acts otherwise again.
+    Raises ValueError for bad input at once, DivergenceError when an estimate or θ is not finite or moves further.
     """
     require_count("episodes", episodes, 0)
+    if not max_change > 0:
+        raise ValueError(f"max_change should be > 0; found {max_change!r}")
     indices = run_indices(runs)
     streams = [run_streams(seed, run) for run in indices]
     parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
     estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
-    return _records(estimation, learner, parameters, _Course(indices, episodes, observe, stop_when_stationary))
+    return _records(estimation, learner, parameters, _Course(indices, episodes, observe, stop_when_stationary, max_change))
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,7 @@ class _Course:
     episodes: int
     observe: Observer | None
     stop_when_stationary: bool
+    max_change: float
 
 
 def _records(
@@ -94,6 +100,7 @@ def _records(
             update = learner.update(linearization, memory, course.observe)
             parameters = parameters + update.change
         _require_finite(parameters, course.runs, episode)
+        _require_small(update.change, course, episode)
         memory = update.memory
         yield TrainingRecord(episode, parameters, estimate, update)
         if course.stop_when_stationary and update.stationary.all():
@@ -123,6 +130,15 @@ def _require_finite(parameters: Float[np.ndarray, "B n"], runs: tuple[int, ...],
         raise DivergenceError(
             f"θ[{index}] in run {runs[run]} should be finite after episode {episode}; found {parameters[run, index]}. "
             f"{_ADVICE}"
+        )
+
+
+def _require_small(change: Float[np.ndarray, "B n"], course: _Course, episode: int) -> None:
+    if course.max_change < np.inf and (found := np.abs(change)).max() > course.max_change:
+        run, index = np.unravel_index(found.argmax(), found.shape)
+        raise DivergenceError(
+            f"θ[{index}] in run {course.runs[run]} should move by at most max_change = {course.max_change:g} in the "
+            f"update after episode {episode}; found {change[run, index]:g}. {_ADVICE}"
         )
 
 
