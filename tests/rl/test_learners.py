@@ -62,7 +62,7 @@ def test_sum_takes_weights() -> None:
 def test_cpgrl_is_its_step_and_remembers_the_active_set(formulation: str) -> None:
     step = ConstrainedStep(formulation=formulation, rule=hysteresis)
     learner, memory, previous = CPGRL(step, [0, 0, 0]), None, None
-    for values in (VALUES, VALUES[::-1], VALUES + 0.005):
+    for values in (VALUES[::-1], VALUES, VALUES + 0.005):
         linearization = Linearization(values, GRADIENTS)
         update, result = learner.update(linearization, memory), step(linearization, np.zeros(3), previous)
         memory, previous = update.memory, result.active
@@ -70,6 +70,7 @@ def test_cpgrl_is_its_step_and_remembers_the_active_set(formulation: str) -> Non
         np.testing.assert_array_equal(update.active, result.active)
         np.testing.assert_array_equal(update.stationary, result.stationary)
         assert set(update.counts) == set(result.COUNTS)
+    assert update.active[2, 1]  # slack 0.005, kept because it was active: the memory arrived
 
 
 def test_cpgrl_shows_every_direction_problem_to_the_observer() -> None:

@@ -3,13 +3,14 @@
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep
+from cpgrl_opt import ConstrainedStep, Linearization
 from envs import TabularEnv, TabularMDP, ThreeStateMDP
 from rl import (
     CPGRL,
@@ -17,6 +18,7 @@ from rl import (
     ConstraintSwitching,
     DivergenceError,
     ExactGradient,
+    LearnerUpdate,
     LinearSoftmax,
     SoftmaxTable,
     WeightedSum,
@@ -79,6 +81,16 @@ def test_records_kept_are_not_overwritten_by_later_episodes() -> None:
         for arrays, copied in zip(kept, copies, strict=True):
             for array, copy in zip(arrays, copied, strict=True):
                 np.testing.assert_array_equal(array, copy)
+
+
+def test_a_learners_memory_comes_back_with_the_next_linearization() -> None:
+    class Counting:
+        def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> LearnerUpdate:  # noqa: ARG002
+            update = WeightedSum().update(linearization)
+            return replace(update, memory=1 if memory is None else memory + 1)
+
+    records = train(*SETTINGS["compiled"], Counting(), episodes=4, runs=2)
+    assert [record.update.memory for record in records] == [1, 2, 3, 4]
 
 
 def test_averages_go_on_from_episode_to_episode_and_gradients_start_anew() -> None:
