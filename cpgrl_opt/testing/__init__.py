@@ -17,11 +17,10 @@ or by hand, on any problem: `check_stationarity(solver, problem)` and its siblin
 """
 
 try:
-    import hypothesis as _hypothesis
+    import hypothesis  # noqa: F401 - so that its absence is told here, with what to type
 except ModuleNotFoundError as error:
     raise ImportError(
-        "cpgrl_opt.testing needs the package hypothesis, which is not installed; "
-        "type: pip install 'cpgrl-opt[testing]'"
+        "cpgrl_opt.testing needs the package hypothesis, which is not installed; type: pip install 'cpgrl-opt[testing]'"
     ) from error
 
 from .conduct import (

@@ -17,7 +17,7 @@ from .strategies import (
     SHAPES,
     SHIFTED_CASES,
     Case,
-    Choice,
+    NumberChoice,
     chosen,
     direction_problems,
     feasible_problem,
@@ -84,7 +84,7 @@ def nearly_dependent(
     draw: st.DrawFn,
     cases: Collection[Case] = ALL_CASES,
     *,
-    angle: Choice[float] = (1e-7, 1e-1),
+    angle: NumberChoice = (1e-7, 1e-1),
     opposing: bool = True,
 ) -> DirectionProblem:
     """Two rows at a small angle (rad) from opposing, or from parallel: a Gram matrix sees its square only."""

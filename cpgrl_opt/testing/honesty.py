@@ -20,7 +20,6 @@ from .law import (
 )
 from .sensitivity import hoffman_constant, relative_distance
 
-
 _ROUNDING = 1e-12  # b̂ − r below this part of the scale is what rounding left of 0
 
 

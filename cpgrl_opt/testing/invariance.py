@@ -21,9 +21,7 @@ def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order:
     Source: the problem is a set of constraints.
     """
     index = np.asarray(order, dtype=np.intp)
-    other = DirectionProblem(
-        problem.gradient, problem.jacobian[index], problem.bound[index], problem.equality[index]
-    )
+    other = DirectionProblem(problem.gradient, problem.jacobian[index], problem.bound[index], problem.equality[index])
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
     allowed = _require_same(
         solver, (problem, other), (first, second), "The order of the rows decides: is a row skipped, or never re-added?"
@@ -52,9 +50,7 @@ def check_row_scaling(solver: DirectionSolver, problem: DirectionProblem, factor
     Source: {d : cᵢJᵢd ≥ cᵢbᵢ} is the same set.
     """
     c = np.asarray(factors, dtype=np.float64)
-    other = DirectionProblem(
-        problem.gradient, c[:, None] * problem.jacobian, c * problem.bound, problem.equality
-    )
+    other = DirectionProblem(problem.gradient, c[:, None] * problem.jacobian, c * problem.bound, problem.equality)
     _require_same(
         solver,
         (problem, other),
@@ -69,9 +65,7 @@ def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: fl
 
     Source: d ∈ {J d ≥ b} ⇔ c d ∈ {J d ≥ c b}. A problem with a trust region scales its radius too.
     """
-    other = DirectionProblem(
-        factor * problem.gradient, problem.jacobian, factor * problem.bound, problem.equality
-    )
+    other = DirectionProblem(factor * problem.gradient, problem.jacobian, factor * problem.bound, problem.equality)
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
     scaled_back = Answer(second.value / factor, second.multipliers / factor, second.status)
     _require_same(
@@ -89,9 +83,7 @@ def check_duplicate_row(solver: DirectionSolver, problem: DirectionProblem, row:
     Source: the set is the same; the multipliers are not unique any more.
     """
     twice = np.append(np.arange(problem.m), row)
-    other = DirectionProblem(
-        problem.gradient, problem.jacobian[twice], problem.bound[twice], problem.equality[twice]
-    )
+    other = DirectionProblem(problem.gradient, problem.jacobian[twice], problem.bound[twice], problem.equality[twice])
     _require_same(
         solver,
         (problem, other),
@@ -101,9 +93,7 @@ def check_duplicate_row(solver: DirectionSolver, problem: DirectionProblem, row:
 
 
 @law
-def check_inactive_row(
-    solver: DirectionSolver, problem: DirectionProblem, row: ArrayLike, margin: float = 1.0
-) -> None:
+def check_inactive_row(solver: DirectionSolver, problem: DirectionProblem, row: ArrayLike, margin: float = 1.0) -> None:
     """A strictly inactive row leaves d, within the sum of the two `distance_bound`(ε). row a: (n,).
 
     Where aᵀd > 0 clearly, aᵀd' ≥ 0 is added, turned round where it is < 0; else skipped. With bounds in the problem
@@ -158,6 +148,11 @@ def _require_same(
     (first, second), epsilon = answers, tolerance_of(solver)
     allowed = sum(distance_bound(problem, epsilon, first.value, second.value) for problem in problems)
     require_at_most(
-        length(first.value - second.value), allowed, "‖d − d'‖ of two forms of one problem", advice, problems[0], *answers
+        length(first.value - second.value),
+        allowed,
+        "‖d − d'‖ of two forms of one problem",
+        advice,
+        problems[0],
+        *answers,
     )
     return allowed

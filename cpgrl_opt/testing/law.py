@@ -23,7 +23,7 @@ class Outcome(StrEnum):
     SKIPPED = "skipped"  # the solver does not take the problem, or the law says nothing about it
 
 
-class LawBroken(AssertionError):
+class LawBroken(AssertionError):  # noqa: N818 - the name says what happened
     """A solver's answer contradicts a theorem; the message holds the numbers and what to look at."""
 
 
@@ -101,7 +101,7 @@ def optimum_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
 
 
 def reference_optimum(problem: DirectionProblem) -> tuple[Answer, float]:
-    """The direction by enumeration of all active sets and its tolerance; where that claims nothing, the law is skipped."""
+    """The direction by enumeration and its tolerance; where it claims nothing, the law is skipped."""
     oracle = SOLVERS["enumeration"]
     answer = answer_of(oracle, problem)
     if answer.status != Status.OPTIMAL:
@@ -114,7 +114,9 @@ def require_at_most(
 ) -> None:
     """LawBroken unless found ≤ limit; NaN is not."""
     if not found <= limit:
-        raise LawBroken(f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}{described(problem, *answers)}")
+        raise LawBroken(
+            f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}{described(problem, *answers)}"
+        )
 
 
 def length(vector: np.ndarray) -> float:

@@ -35,14 +35,14 @@ _WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED)
 class Law:
     """A check, and `arguments`: from the cases that a solver takes to a strategy for all arguments but the solver.
 
-    cases: those that the law speaks about. needs: a method without which the solver is excused.
+    cases: those that the law speaks about. needs: whether the solver has what the law is about; else it is excused.
     may_decline: the problems include some that no solver need answer.
     """
 
     check: Callable[..., Outcome]
     arguments: Callable[[Collection[Case]], Arguments]
     cases: tuple[Case, ...] = ALL_CASES
-    needs: str | None = None
+    needs: Callable[[DirectionSolver], bool] | None = None
     may_decline: bool = False
 
     @property
@@ -56,8 +56,8 @@ class Law:
         return (self.check.__doc__ or "").strip().splitlines()[0]
 
     def applies_to(self, solver: DirectionSolver) -> list[Case]:
-        """The law's cases that the solver takes; none if it lacks a method that the law is about."""
-        if self.needs is not None and not hasattr(solver, self.needs):
+        """The law's cases that the solver takes; none if it lacks what the law is about."""
+        if self.needs is not None and not self.needs(solver):
             return []
         return [case for case in supported_cases(solver) if case in self.cases]
 
@@ -178,7 +178,7 @@ _TABLE = (
     Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
     Law(conduct.check_answers_repeat, _two_problems, may_decline=True),
     Law(conduct.check_silence, _well_posed, may_decline=True),
-    Law(sequences.check_batch_is_loop, _batches, needs="solve_batch", may_decline=True),
-    Law(sequences.check_warm_start_is_cold_start, _batches, needs="session", may_decline=True),
+    Law(sequences.check_batch_is_loop, _batches, needs=sequences.has_batch, may_decline=True),
+    Law(sequences.check_warm_start_is_cold_start, _batches, needs=sequences.has_warm_start, may_decline=True),
 )
 LAWS = {law.name: law for law in _TABLE}

@@ -61,7 +61,7 @@ def check_dual_feasibility(solver: DirectionSolver, problem: DirectionProblem) -
 
 @law
 def check_complementarity(solver: DirectionSolver, problem: DirectionProblem) -> None:
-    """min(μᵢ, Jᵢd − bᵢ) = 0 on inequalities: the referee's complementarity ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
+    """min(μᵢ, Jᵢd − bᵢ) = 0 on I: the referee's complementarity ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
     answer = optimum_of(solver, problem)
     require_at_most(
         kkt_residuals(problem, answer).complementarity,
@@ -106,9 +106,7 @@ def check_zero_only_when_optimal(solver: DirectionSolver, problem: DirectionProb
     epsilon = tolerance_of(solver)
     advice = "Zero is an answer only where no feasible direction climbs; failures have a Status of their own."
     with_zeros = SimpleNamespace(value=answer.value, multipliers=np.zeros(problem.m))
-    require_at_most(
-        kkt_residuals(problem, with_zeros).primal, epsilon, "primal of d = 0", advice, problem, answer
-    )
+    require_at_most(kkt_residuals(problem, with_zeros).primal, epsilon, "primal of d = 0", advice, problem, answer)
     allowed = (1 + problem.m) * (epsilon + 16 * max(problem.m, 1) * hoffman_constant(problem) * 2.0**-52)
     require_at_most(
         _distance_from_polar(problem, epsilon), allowed, "‖g + Jᵀμ‖ / ‖g‖, best μ, at d = 0", advice, problem, answer

@@ -82,7 +82,5 @@ def _two_projections(
     second_problem = with_gradient(problem, other)
     first, second = optimum_of(solver, problem), optimum_of(solver, second_problem)
     epsilon = tolerance_of(solver)
-    delta = max(
-        distance_bound(problem, epsilon, first.value), distance_bound(second_problem, epsilon, second.value)
-    )
+    delta = max(distance_bound(problem, epsilon, first.value), distance_bound(second_problem, epsilon, second.value))
     return first, second, delta

@@ -1,7 +1,8 @@
 """Laws of many problems at once: a batch is a loop, and a warm start is a cold start that is found sooner."""
 
 from collections.abc import Sequence
-from typing import Any
+from inspect import signature
+from typing import Any, cast
 
 from ..direction import Status
 from ..problem import DirectionProblem
@@ -28,10 +29,9 @@ def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionPro
     ‖Δd‖ ≤ 2 · `distance_bound`(ε). Problems of one shape; skipped for a solver without solve_batch.
     Source: runs are independent.
     """
-    batch: Any = getattr(solver, "solve_batch", None)
-    if batch is None or not all(supports(solver, problem) for problem in problems):
+    if not has_batch(solver) or not all(supports(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
-    together = _asked(lambda: batch(problems), "solve_batch", problems)
+    together = _asked(cast(Any, solver).solve_batch, problems)
     if len(together) != len(problems):
         raise LawBroken(f"solve_batch should return {len(problems)} directions; found {len(together)}")
     for k, problem in enumerate(problems):
@@ -49,12 +49,12 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
     """session(n, m, warm_start=True).solve finds, one problem after the other, the directions that solve finds.
 
     ‖Δd‖ ≤ 2 · `distance_bound`(ε) where both are OPTIMAL; and OPTIMAL is not called INFEASIBLE, nor the reverse.
-    Problems of one shape; skipped for a solver without session. Source: the optimum does not depend on where one starts.
+    Problems of one shape; skipped for a solver without such a session.
+    Source: the optimum is one wherever one starts.
     """
-    start: Any = getattr(solver, "session", None)
-    if start is None or not all(supports(solver, problem) for problem in problems):
+    if not has_warm_start(solver) or not all(supports(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
-    session = start(problems[0].n, problems[0].m, warm_start=True)
+    session: Any = cast(Any, solver).session(problems[0].n, problems[0].m, warm_start=True)
     for k, problem in enumerate(problems):
         cold, warm = answer_of(solver, problem), answer_of(session, problem)
         if {cold.status, warm.status} == {Status.OPTIMAL, Status.INFEASIBLE}:
@@ -65,12 +65,23 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
         _require_same(solver, problem, (cold, warm), f"‖d − d'‖ of problem {k} from a cold and a warm start")
 
 
-def _asked(call: Any, name: str, problems: Sequence[DirectionProblem]) -> Any:
+def has_batch(solver: DirectionSolver) -> bool:
+    """Whether the solver has a solve_batch of its own."""
+    return hasattr(solver, "solve_batch")
+
+
+def has_warm_start(solver: DirectionSolver) -> bool:
+    """Whether the solver has a `session` with a setting warm_start."""
+    session: Any = getattr(solver, "session", None)
+    return session is not None and "warm_start" in signature(session).parameters
+
+
+def _asked(solve_batch: Any, problems: Sequence[DirectionProblem]) -> Any:
     try:
-        return call()
+        return solve_batch(problems)
     except Exception as error:
         raise LawBroken(
-            f"{name} should answer {len(problems)} valid problems; it raised {type(error).__name__}: {error}"
+            f"solve_batch should answer {len(problems)} valid problems; it raised {type(error).__name__}: {error}"
             f"{described(problems[0])}"
         ) from error
 

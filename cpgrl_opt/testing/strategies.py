@@ -6,7 +6,7 @@ counterexample shrinks to numbers that a person can check by hand.
 
 from collections.abc import Collection, Sequence
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from ..problem import DirectionProblem
 
-T = TypeVar("T")
 # One value, (lowest, highest), or a strategy.
-Choice = T | tuple[T, T] | st.SearchStrategy[T]
+IntegerChoice = int | tuple[int, int] | st.SearchStrategy[int]
+NumberChoice = float | tuple[float, float] | st.SearchStrategy[float]
 
 LARGEST_ENTRY = 9
 # Few shapes (n, m): modelling languages compile anew for each. The smallest first: Hypothesis shrinks to it.
@@ -29,10 +29,10 @@ _BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
 class Case(StrEnum):
     """The five cases that solvers differ in; a solver without `supports` is taken to handle all."""
 
-    TANGENT = "J d = 0"
-    AFFINE = "J d = b"
     CONE = "J d ≥ 0"
     BOUNDS = "J d ≥ b"
+    TANGENT = "J d = 0"
+    AFFINE = "J d = b"
     MIXED = "J d ≥ b, = b in some rows"
 
     @property
@@ -48,14 +48,14 @@ SHIFTED_CASES = tuple(case for case in Case if case.is_shifted)
 @st.composite
 def direction_problems(
     draw: st.DrawFn,
-    n: Choice[int] | None = None,
-    m: Choice[int] | None = None,
+    n: IntegerChoice | None = None,
+    m: IntegerChoice | None = None,
     *,
-    rank: Choice[int] | None = None,
-    conditioning: Choice[float] | None = None,
-    scale: Choice[float] = 1.0,
-    row_scale: Choice[float] = 1.0,
-    conflict: Choice[int] | None = None,
+    rank: IntegerChoice | None = None,
+    conditioning: NumberChoice | None = None,
+    scale: NumberChoice = 1.0,
+    row_scale: NumberChoice = 1.0,
+    conflict: IntegerChoice | None = None,
     feasible: bool | st.SearchStrategy[bool] = True,
     cases: Collection[Case] = ALL_CASES,
 ) -> DirectionProblem:
@@ -66,7 +66,7 @@ def direction_problems(
     conditioning: σ₁(J)/σᵣ(J) ≥ 1, before the rows are scaled; else whatever small integers have.
     scale c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d. row_scale r: rows (and bounds) times 1/r, 1 or r.
     conflict: how many constraints bind at the optimum, which is then planted: g = d − Jᵀμ. At most the rank.
-    feasible: False makes b miss {Jd} by at least 1e-3 max|b̂|; needs m ≥ 1 and a case with bounds, and takes n and m only.
+    feasible: False makes b miss {Jd} by at least 1e-3 max|b̂|; takes n, m ≥ 1, the scales, and cases with bounds only.
     cases: which of `Case` to draw from.
     """
     shape = _shape(draw, n, m)
@@ -118,16 +118,18 @@ def integers(
 
 def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
     """`count` of the options, the first being the simplest."""
-    return np.array(options, dtype=np.float64)[_bytes(draw, count) % len(options)]
+    picked: np.ndarray = np.array(options, dtype=np.float64)[_bytes(draw, count) % len(options)]
+    return picked
 
 
 def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
     """A permutation of 0 … count − 1, the identity being the simplest."""
-    return np.argsort(_bytes(draw, count), kind="stable")
+    order: np.ndarray = np.argsort(_bytes(draw, count), kind="stable")
+    return order
 
 
 def _bytes(draw: st.DrawFn, count: int) -> UInt8[np.ndarray, "count"]:
-    """Bytes drawn in blocks: twenty times faster than number by number, and each shrinks to 0 on its own.
+    """Bytes drawn in blocks: several times faster than number by number, and each shrinks to 0 on its own.
 
     All blocks are of one size: Hypothesis mutates by copying one draw over others, and where sizes differ it would
     put zeros instead, so that half of all problems had no gradient.
@@ -144,7 +146,8 @@ def integer_rows(draw: st.DrawFn, n: int, m: int, rank: int | None = None) -> Fl
     rows[:rank] = np.eye(rank, n) * draw(st.integers(1, LARGEST_ENTRY)) + np.triu(integers(draw, rank, n), 1)
     if 0 < rank < m:
         rows[rank:] = integers(draw, m - rank, rank, largest=1) @ rows[:rank]
-    return rows[orders(draw, m)]
+    shuffled: np.ndarray = rows[orders(draw, m)]
+    return shuffled
 
 
 def conditioned_rows(
@@ -154,7 +157,8 @@ def conditioned_rows(
     count = min(m, n) if rank is None else rank
     left = np.linalg.qr(integers(draw, m, m))[0][:, :count]
     right = np.linalg.qr(integers(draw, n, count), mode="reduced")[0]
-    return (left * (LARGEST_ENTRY * np.geomspace(1.0, 1.0 / conditioning, count))) @ right.T
+    rows: np.ndarray = (left * (LARGEST_ENTRY * np.geomspace(1.0, 1.0 / conditioning, count))) @ right.T
+    return rows
 
 
 def feasible_problem(
@@ -185,7 +189,7 @@ def infeasible_problems(
 ) -> DirectionProblem:
     """Jᵀy = 0, y > 0 on some k rows and bᵀy > 0, by at least 1e-3 max|b̂|: Farkas' vector comes first, then b.
 
-    The last of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ with tᵢ > ‖Jᵢ‖ or a 32nd of it.
+    The last of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ, tᵢ > ‖Jᵢ‖ or > ‖Jᵢ‖/32.
     """
     shape = _shape(draw, n, m, DEPENDENT_SHAPES)
     case = draw(st.sampled_from(members("cases of infeasible problems", cases, SHIFTED_CASES)))
@@ -207,9 +211,7 @@ def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, 
     return picks(draw, m, (1.0, row_scale, 1.0 / row_scale))
 
 
-def rescaled(
-    problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"]
-) -> DirectionProblem:
+def rescaled(problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"]) -> DirectionProblem:
     """(c g, c J, c² b), row i and bᵢ times factorᵢ: the optimum becomes c d."""
     return DirectionProblem(
         scale * problem.gradient,
@@ -221,8 +223,8 @@ def rescaled(
 
 def _shape(
     draw: st.DrawFn,
-    n: Choice[int] | None,
-    m: Choice[int] | None,
+    n: IntegerChoice | None,
+    m: IntegerChoice | None,
     shapes: Sequence[tuple[int, int]] = SHAPES,
 ) -> tuple[int, int]:
     if n is None and m is None:

@@ -90,14 +90,17 @@ class Verdict:
         """One sentence: how many laws held, were excused, failed."""
         words = [result.word for result in self.results]
         parts = [f"{words.count('held') + words.count('held, though expected to fail')} held"]
-        parts += [f"{words.count(word)} {word}" for word in ("unsupported", "failed as expected", "FAILED") if word in words]
+        parts += [
+            f"{words.count(word)} {word}" for word in ("unsupported", "failed as expected", "FAILED") if word in words
+        ]
         outcome = "passes" if self.passed else "does not pass"
         return f"{self.solver} {outcome}: of {len(words)} laws {', '.join(parts)}."
 
     def to_markdown(self) -> str:
         """Summary, a table with the counts of every check, then each failure with its counterexample."""
-        head = "| check | law | run | declined | skipped | expected | failed | verdict |\n|---|---|--:|--:|--:|--:|--:|---|"
-        lines = [
+        head = "| check | law | run | declined | skipped | expected | failed | verdict |"
+        lines = ["|---|---|--:|--:|--:|--:|--:|---|"]
+        lines += [
             f"| {result.check} | {_cell(result.statement)} | {result.run} | {result.declined} | {result.skipped} "
             f"| {result.expected} | {result.failed} | {_cell(_with_reason(result))} |"
             for result in self.results
@@ -121,7 +124,8 @@ def check_direction_solver(
     expected_failures: name of a check → why it is bound to fail; such failures are counted and excused.
     max_examples: problems a check. seed: the same seed draws the same problems. checks: names, all if None.
     A check fails when the law breaks once, when the solver declines more than 5 % (and more than one) of the problems
-    that float64 determines, or when it ran on none although the solver declares to take some. Raises ValueError for unknown names.
+    that float64 determines, or when it ran on none although the solver declares to take some.
+    Raises ValueError for names of checks that do not exist.
     """
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):

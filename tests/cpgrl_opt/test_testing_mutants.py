@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
 from cpgrl_opt import Direction, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.testing import LawBroken, check_direction_solver
 
@@ -54,7 +55,11 @@ class ByHand:
         impossible = (lengths == 0) & ((problem.bound > 0) | (problem.equality & (problem.bound != 0)))
         if not np.isfinite(lengths).all() or (problem.bound == np.inf).any():
             raise ValueError("found what is not finite")
-        rows, bound, equality = problem.jacobian[on] / lengths[on, None], problem.bound[on] / lengths[on], problem.equality[on]
+        rows, bound, equality = (
+            problem.jacobian[on] / lengths[on, None],
+            problem.bound[on] / lengths[on],
+            problem.equality[on],
+        )
         scale = max([np.linalg.norm(problem.gradient), *np.where(equality, np.abs(bound), bound)]) or 1.0
         g, bound = problem.gradient / scale, bound / scale
         d, weights, error = nearest(g, rows, bound, equality)
@@ -71,7 +76,7 @@ class ByHand:
         sides = np.vstack([np.eye(len(bound))[~equality], rows.T])
         is_null = np.arange(len(sides)) >= (~equality).sum()
         y, _, _ = nearest(bound, sides, np.zeros(len(sides)), is_null)
-        d, _, error = nearest(g, rows, bound - y, equality)
+        d, _, _ = nearest(g, rows, bound - y, equality)
         proof = np.zeros(problem.m)
         proof[on] = y / lengths[on]
         if impossible.any():
@@ -185,7 +190,7 @@ def not_a_number(problem):
 
 
 def prints(problem):
-    print("Optimal solution found!")
+    print("Optimal solution found!")  # noqa: T201 - the fault
     return CORRECT.solve(problem)
 
 
@@ -309,7 +314,7 @@ def as_solver(mutant):
 
 @pytest.mark.parametrize(("mutant", "law"), CASES, ids=lambda item: getattr(item, "__name__", item))
 def test_a_known_bad_solver_is_rejected_with_a_counterexample_that_runs(mutant, law):
-    verdict = check_direction_solver(as_solver(mutant), checks=[law], max_examples=60)
+    verdict = check_direction_solver(as_solver(mutant), checks=[law], max_examples=40)
     assert not verdict.passed
     result = verdict[law]
     assert result.problem
