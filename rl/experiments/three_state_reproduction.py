@@ -26,6 +26,7 @@ _EVENTS = {
     "skipped": "updates left out for want of a certified direction",
     "dropped": "constraints dropped (§2.3)",
     "capped": "restorations shortened",
+    "flat": "active constraints without gradient, left out",
 }
 FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg")
 
@@ -111,7 +112,7 @@ def remarks(done: Reproduction) -> list[str]:
         f"{outcomes['cpgrl'].steps_per_second / 1e6:.1f} M steps/s. Wall time {done.seconds['total']:.1f} s: "
         f"training {done.seconds['training']:.1f} s, figures {done.seconds['figures']:.1f} s."
     ]
-    counted = [f"{count} {_EVENTS[name]}" for name, count in outcomes["cpgrl"].counts.items() if count]
+    counted = [f"{count} {_EVENTS.get(name, name)}" for name, count in outcomes["cpgrl"].counts.items() if count]
     if counted:
         lines.append(f"In {settings.runs * settings.episodes} updates of CPGRL: {', '.join(counted)}.")
     if settings.formulation not in cases(settings.step().solver):
