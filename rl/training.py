@@ -77,7 +77,8 @@ def train(
     streams = [run_streams(seed, run) for run in indices]
     parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
     estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
-    return _records(estimation, learner, parameters, _Course(indices, episodes, observe, stop_when_stationary, max_change))
+    course = _Course(indices, episodes, observe, stop_when_stationary, max_change)
+    return _records(estimation, learner, parameters, course)
 
 
 @dataclass(frozen=True)
