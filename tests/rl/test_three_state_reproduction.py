@@ -159,15 +159,16 @@ def test_a_solver_that_does_not_take_the_formulation_is_told_plainly(tmp_path):
     assert "subproblems handed to active-set" in told
 
 
-def test_an_exact_qp_in_place_of_projection_reaches_the_same_neighbourhood(tmp_path):
-    settings = ThreeStateSettings(runs=2, episodes=1500, solver="osqp", formulation="restoring")
-    with Recorder(ThreeStateMDP(), tmp_path / "learning.csv") as recorder:
-        outcome = train_method(
-            (settings, "cpgrl"), lambda heard: hasattr(heard, "estimated") and recorder.append(heard)
-        )
-    final = recorder.kept["cpgrl"][-1][1]
-    assert outcome.counts["fallback"] == 0
-    assert (final[:, 0] > 0.8).all()
+def last_averages_of_cpgrl(settings, directory: Path) -> np.ndarray:
+    with Recorder(ThreeStateMDP(), directory / "learning.csv") as recorder:
+        train_method((settings, "cpgrl"), lambda heard: isinstance(heard, Snapshot) and recorder.append(heard))
+    return recorder.kept["cpgrl"][-1][1]
+
+
+def test_another_solver_and_formulation_climb_to_the_same_place(tmp_path):
+    settings = ThreeStateSettings(runs=2, episodes=1000, solver="osqp", formulation="restoring")
+    final = last_averages_of_cpgrl(settings, tmp_path)
+    assert (final[:, 0] > 0.65).all()  # from 0.35 at the start; CPGRL is at 0.85 ± 0.05 then
     assert (final[:, 1:] > -0.02).all()
 
 
@@ -181,9 +182,12 @@ def test_the_papers_claims_hold_at_full_size(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("solver", "formulation"), [("active-set", "cone"), ("active-set", "restoring")])
-def test_every_formulation_reaches_the_optimum_at_full_length(tmp_path, solver, formulation):
-    settings = ThreeStateSettings(runs=5, solver=solver, formulation=formulation)
-    learned = train_three_state(settings, tmp_path / "learning.csv").curves["cpgrl"]
-    assert learned.exact[:, -1, 0].mean() > 0.97
-    assert (learned.exact[:, -1, 1:] > -0.02).all()
+@pytest.mark.parametrize(
+    ("solver", "formulation", "episodes"),
+    [("active-set", "cone", 10_000), ("active-set", "restoring", 10_000), ("osqp", "restoring", 4000)],
+)
+def test_every_formulation_reaches_the_optimum(tmp_path, solver, formulation, episodes):
+    settings = ThreeStateSettings(runs=3, episodes=episodes, solver=solver, formulation=formulation)
+    final = last_averages_of_cpgrl(settings, tmp_path)
+    assert final[:, 0].mean() > 0.95
+    assert (final[:, 1:] > -0.02).all()
