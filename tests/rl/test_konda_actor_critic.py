@@ -1,0 +1,319 @@
+"""Konda's actor-critic: by hand; compiled = plain; its critic is TD(β)'s fixed point, its limit the exact gradient."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep
+from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp, random_state
+from rl import CPGRL, GPOMDP, KondaActorCritic, LinearSoftmax, SoftmaxTable, train
+from rl.estimators.konda_actor_critic import RolloutKonda
+from rl.streams import run_streams
+
+CASES = {"two states": (2, 2, 2), "five states": (5, 3, 3), "no constraint": (3, 2, 1), "twenty actions": (2, 20, 4)}
+
+
+def mdp_of(case: str) -> TabularMDP:
+    if case == "three-state":
+        return ThreeStateMDP()
+    return random_mdp(np.random.default_rng(len(case)), *CASES[case])
+
+
+def table_of(mdp: TabularMDP, seed: int = 1) -> SoftmaxTable:
+    return SoftmaxTable(mdp.states, mdp.actions, np.random.default_rng(seed).random(mdp.states * mdp.actions))
+
+
+def episode_streams(runs: int, seed: int = 0) -> list[np.random.SeedSequence]:
+    return [run_streams(seed, run).episodes for run in range(runs)]
+
+
+# --- by hand -----------------------------------------------------------------------------------------------------
+
+
+class Scripted:
+    """One state; plays the rewards of its script, then terminates, truncates, or goes on."""
+
+    reward_channels = 2
+
+    def __init__(self, rewards: list[list[float]], end: str) -> None:
+        self.rewards, self.end = rewards, end
+
+    def reset(self, seed: int) -> tuple[int, dict[str, Any]]:
+        self.script = list(self.rewards)
+        return 0, {}
+
+    def step(self, action: int) -> tuple[int, np.ndarray, bool, bool, dict[str, Any]]:
+        reward = np.array(self.script.pop(0))
+        over = not self.script
+        info = {"event": 7} if over and self.end == "event" else {}
+        return 0, reward, over and self.end == "event", over and self.end == "truncated", info
+
+
+class Alternating:
+    """Actions 0, 1, 0, 1, …, whose scores are known."""
+
+    def __init__(self, scores: list[list[float]]) -> None:
+        self.scores, self.parameters = np.array(scores), np.zeros(2)
+        self.count = 0
+
+    def with_parameters(self, parameters: np.ndarray) -> "Alternating":
+        self.count = 0  # a new episode
+        return self
+
+    def sample(self, observation: int, rng: object) -> int:
+        self.count += 1
+        return (self.count - 1) % 2
+
+    def score(self, observation: int, action: int) -> np.ndarray:
+        return self.scores[action]
+
+
+@pytest.mark.parametrize("end", ["event", "truncated", "limit"])
+def test_two_steps_by_hand(end: str) -> None:
+    """ψ = (1, 0), then (0, 2); rewards 3, then 5; β = ½, α_r = 0.1, α_w = 0.01; the second channel is −1 times it."""
+    settings = KondaActorCritic(trace_decay=0.5, average_rate=0.1, critic_rate=0.01, steps=2 if end == "limit" else 9)
+    rewards = [[3.0, -3.0], [5.0, -5.0]] + [[9.0, 9.0]] * (end == "limit")
+    konda = RolloutKonda(settings, Scripted(rewards, end), Alternating([[1, 0], [0, 2]]), episode_streams(1))  # type: ignore[arg-type]
+    first = konda.episode(np.zeros((1, 2)))
+    # step 0: Q = 0; z = (1, 0); ρ = 0.3; δ = 3 − 0.3; w = 0.027 z
+    # step 1: Q = 0; z = (0.5, 2); ρ = 0.3 + 0.1 (5 − 0.3) = 0.77; δ = 5 − 0.77 + wᵀ(ψ₂ − ψ₁), wᵀψ₁ = 0
+    delta = 4.23 if end == "event" else 4.23 + 0.027  # ψ₂ = 0 after an event, else (1, 0) again
+    w = np.array([0.027, 0.0]) + 0.01 * delta * np.array([0.5, 2.0])
+    np.testing.assert_allclose(first.values, [[0.77, -0.77]])
+    np.testing.assert_array_equal(first.gradients, 0)
+    np.testing.assert_allclose(konda.critics, [[w, -w]])
+    assert (first.steps[0], first.events[0]) == (2, 7 if end == "event" else 0)
+    np.testing.assert_array_equal(first.rewards, [[8, -8]])
+    # next episode: ρ and w go on, z and Δ begin anew
+    second = konda.episode(np.zeros((1, 2)))
+    delta0 = 3 - (0.9 * 0.77 + 0.3) + 2 * w[1] - w[0]
+    q1 = 2 * w[1]  # z = (1, 0) leaves w[1] as it was
+    np.testing.assert_allclose(second.gradients[0, 0], [w[0] / 2, 2 * q1 / 2])
+    w1 = w + 0.01 * delta0 * np.array([1.0, 0.0])
+    rho = 0.9 * (0.9 * 0.77 + 0.3) + 0.5
+    delta1 = 5 - rho - 2 * w1[1] + (0.0 if end == "event" else w1[0])
+    np.testing.assert_allclose(konda.critics[0, 0], w1 + 0.01 * delta1 * np.array([0.5, 2.0]))
+    np.testing.assert_allclose(second.values[0, 0], rho)
+
+
+# --- the same definition, the same draws -------------------------------------------------------------------------
+
+
+def words(stream: np.random.SeedSequence) -> Iterator[int]:
+    """xoshiro256++ in plain integers, written from the published recurrence."""
+    s0, s1, s2, s3 = (int(word) for word in random_state(stream))
+    mask = 2**64 - 1
+
+    def rotated(x: int, k: int) -> int:
+        return ((x << k) | (x >> (64 - k))) & mask
+
+    while True:
+        yield (rotated((s0 + s3) & mask, 23) + s0) & mask
+        t = (s1 << 17) & mask
+        s2 ^= s0
+        s3 ^= s1
+        s1 ^= s2
+        s0 ^= s3
+        s2 ^= t
+        s3 = rotated(s3, 45)
+
+
+class Replay:
+    """The MDP and its policy on the draws of the compiled kernel: a word's high half acts, its low half moves."""
+
+    def __init__(self, mdp: TabularMDP, table: SoftmaxTable, stream: np.random.SeedSequence) -> None:
+        self.mdp, self.table, self.words = mdp, table, words(stream)
+        self.reward_channels, self.parameters = mdp.reward_channels, table.parameters
+        self.cumulative = mdp.finite_kernel().transition_cumulative
+
+    def with_parameters(self, parameters: np.ndarray) -> "Replay":
+        self.table = self.table.with_parameters(parameters)
+        return self
+
+    def reset(self, seed: int) -> tuple[int, dict[str, Any]]:
+        self.state = self.mdp.start
+        return self.state, {}
+
+    def sample(self, observation: int, rng: object) -> int:
+        self.word = next(self.words)
+        below = np.cumsum(self.table.probabilities()[observation])
+        return min(int(np.searchsorted(below, (self.word >> 32) / 2**32, side="right")), self.table.actions - 1)
+
+    def score(self, observation: int, action: int) -> np.ndarray:
+        return self.table.score(observation, action)
+
+    def step(self, action: int) -> tuple[int, np.ndarray, bool, bool, dict[str, Any]]:
+        reward, row = self.mdp.rewards[:, self.state, action], self.cumulative[self.state, action]
+        self.state = int(np.searchsorted(row, (self.word & 0xFFFFFFFF) / 2**32, side="right"))
+        return self.state, reward, False, False, {}
+
+
+@pytest.mark.parametrize("case", ["three-state", *CASES])
+def test_compiled_and_plain_path_agree_on_the_same_draws(case: str) -> None:
+    mdp, rng = mdp_of(case), np.random.default_rng(5)
+    settings = KondaActorCritic(steps=37, trace_decay=0.9, average_rate=0.1, critic_rate=0.05)
+    policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
+    compiled = settings.start(mdp, policy, streams)
+    replays = [Replay(mdp, policy, stream) for stream in streams]
+    plain = [RolloutKonda(settings, replay, replay, streams[:1]) for replay in replays]  # type: ignore[arg-type]
+    for _ in range(4):
+        parameters = rng.normal(size=(3, mdp.states * mdp.actions))
+        fast = compiled.episode(parameters)
+        for run in range(3):
+            slow = plain[run].episode(parameters[run : run + 1])
+            for name in ("values", "gradients", "rewards", "steps", "events"):
+                np.testing.assert_allclose(getattr(fast, name)[run], getattr(slow, name)[0], rtol=1e-10, atol=1e-12)
+            np.testing.assert_allclose(compiled.critics[run], plain[run].critics[0], rtol=1e-10, atol=1e-12)  # type: ignore[attr-defined]
+
+
+# --- the fixed point of TD(β) ------------------------------------------------------------------------------------
+
+
+def fixed_point(mdp: TabularMDP, table: SoftmaxTable, decay: float, *, late: bool = False) -> tuple[Any, Any]:
+    """w of E[z (rⁱ − ρⁱ + wᵀ(ψ_{t+1} − ψ_t))] = 0 and E[ψψᵀ]w, (1 + m, n), with E[z_{t+1} f(q_t)] = ΨᵀD(I − βP)⁻¹f.
+
+    Pairs q = (s, a) form a chain P with stationary distribution D. late: r_{t+1} in the place of r_t, as printed.
+    """
+    pi, pairs = table.probabilities(), [(s, a) for s in range(mdp.states) for a in range(mdp.actions)]
+    psi = np.array([table.score(s, a) for s, a in pairs])
+    P = np.einsum("saj,jb->sajb", mdp.transitions, pi).reshape(len(pairs), len(pairs))
+    D = np.diag((mdp.stationary_distribution(pi)[:, None] * pi).reshape(-1))
+    surprise = (mdp.rewards - mdp.average_rewards(pi)[:, None, None]).reshape(mdp.reward_channels, -1).T
+    weighted = psi.T @ D @ np.linalg.inv(np.eye(len(pairs)) - decay * P)
+    A, b = weighted @ (np.eye(len(pairs)) - P) @ psi, weighted @ (P @ surprise if late else surprise)
+    w = np.linalg.lstsq(A, b, rcond=1e-10)[0]  # scores sum to zero in a state: w from 0 stays in their span
+    return w.T, (psi.T @ D @ psi @ w).T
+
+
+@pytest.mark.parametrize("case", ["three-state", *CASES])
+def test_the_limit_of_its_gradient_is_the_exact_one_as_beta_tends_to_one(case: str) -> None:
+    """Linear algebra alone; the error falls with 1 − β: below 0.01 of the gradient at 0.99, 0.001 at 0.999."""
+    mdp = mdp_of(case)
+    table = table_of(mdp)
+    exact = mdp.policy_gradients(table.probabilities()).reshape(mdp.reward_channels, -1)
+    for decay in (0.99, 0.999, 0.9999):
+        error = np.linalg.norm(fixed_point(mdp, table, decay)[1] - exact, axis=1) / np.linalg.norm(exact, axis=1)
+        assert error.max() < 1 - decay
+
+
+def test_with_the_printed_reward_of_the_next_step_it_is_not() -> None:
+    mdp = ThreeStateMDP()
+    for seed in range(20):
+        table = table_of(mdp, seed)
+        exact = mdp.policy_gradients(table.probabilities()).reshape(4, -1)
+        printed, taken = (fixed_point(mdp, table, 0.99, late=late)[1] for late in (True, False))
+        assert (np.linalg.norm(printed - exact, axis=1) > 0.5 * np.linalg.norm(exact, axis=1)).all()
+        assert (np.linalg.norm(taken - exact, axis=1) < 0.02 * np.linalg.norm(exact, axis=1)).all()
+
+
+def settled(mdp: TabularMDP, table: SoftmaxTable, decay: float, rate: float, steps: int) -> dict[str, np.ndarray]:
+    """w, Δ and ρ of 40 runs in their second long episode, at α_w = α_r = rate."""
+    settings = KondaActorCritic(trace_decay=decay, critic_rate=rate, average_rate=rate, steps=steps)
+    estimation = settings.start(mdp, table, episode_streams(40, seed=int(1e6 * rate)))
+    for _ in range(2):
+        estimate = estimation.episode(np.tile(table.parameters, (40, 1)))
+    return {"w": estimation.critics, "Δ": estimate.gradients, "ρ": estimate.values}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("case", "decay", "rate", "steps"),
+    [
+        ("three-state", 0.0, 0.02, 10_000),
+        ("three-state", 0.9, 0.01, 15_000),
+        ("five states", 0.5, 0.02, 15_000),
+        pytest.param("three-state", 0.99, 0.001, 150_000, marks=pytest.mark.slow),
+    ],
+)
+def test_critics_and_gradients_settle_at_the_fixed_point(case: str, decay: float, rate: float, steps: int) -> None:
+    """Within six standard errors of 40 runs.
+
+    Constant rates shift the mean of w by O(rate), so 2·(mean at half the rate) − (mean at the rate) is compared.
+    """
+    mdp = mdp_of(case)
+    table = table_of(mdp)
+    w, gradient = fixed_point(mdp, table, decay)
+    coarse, fine = settled(mdp, table, decay, rate, steps), settled(mdp, table, decay, rate / 2, steps)
+    limits = {"w": w, "Δ": gradient, "ρ": mdp.average_rewards(table.probabilities())}
+    for name, limit in limits.items():
+        mean = 2 * fine[name].mean(axis=0) - coarse[name].mean(axis=0)
+        error = np.sqrt((4 * fine[name].var(axis=0, ddof=1) + coarse[name].var(axis=0, ddof=1)) / 40)
+        assert (np.abs(mean - limit) <= 6 * error + 1e-12).all(), name
+        assert name == "ρ" or 6 * error.max() < 0.35 * np.abs(limit).max(), "the test should be able to fail"
+
+
+# --- averages ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("estimator", [KondaActorCritic, GPOMDP])
+@pytest.mark.parametrize("path", ["compiled", "plain"])
+def test_an_average_per_episode_is_that_of_the_episodes_sums(estimator: Any, path: str) -> None:
+    mdp = ThreeStateMDP()
+    kinds = ("step", "episode", "step", "episode")
+    environment = mdp if path == "compiled" else TabularEnv(mdp)
+    parameters, expected = np.tile(table_of(mdp).parameters, (2, 1)), np.zeros((2, 4))
+    mixed = estimator(average=kinds, average_rate=0.3, steps=7)
+    started = [
+        settings.start(environment, SoftmaxTable(3, 3), episode_streams(2))
+        for settings in (mixed, estimator(average_rate=0.3, steps=7))
+    ]
+    for _ in range(5):
+        some, none = (estimation.episode(parameters) for estimation in started)
+        expected += 0.3 * (some.rewards - expected)
+        np.testing.assert_allclose(some.values[:, [1, 3]], expected[:, [1, 3]])
+        np.testing.assert_array_equal(some.values[:, [0, 2]], none.values[:, [0, 2]])
+        np.testing.assert_array_equal(some.gradients, none.gradients)  # which are per step whatever is shown
+
+
+@pytest.mark.parametrize("estimator", [KondaActorCritic, GPOMDP])
+def test_averages_are_refused_unless_there_is_one_for_each_channel(estimator: Any) -> None:
+    with pytest.raises(ValueError, match="average should be one of step, episode.*found 'year'"):
+        estimator(average=("step", "year"))
+    with pytest.raises(ValueError, match="average should be one kind, or 4, one for each channel; found 2"):
+        estimator(average=("step", "episode")).start(ThreeStateMDP(), SoftmaxTable(3, 3), episode_streams(1))
+
+
+# --- training, the boundary --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ["compiled", "plain"])
+def test_a_run_is_bit_identical_for_any_batch(path: str) -> None:
+    mdp = ThreeStateMDP()
+    environment: Any = mdp if path == "compiled" else TabularEnv(mdp)
+    policy: Any = SoftmaxTable(3, 3) if path == "compiled" else LinearSoftmax(lambda s: np.eye(3)[s], 3, 3)
+
+    def trained(runs: Any) -> np.ndarray:
+        estimator = KondaActorCritic(steps=20)
+        *_, record = train(environment, policy, estimator, CPGRL(ConstrainedStep(), [0, 0, 0]), episodes=6, runs=runs)
+        return record.parameters
+
+    together = trained(4)
+    assert len(np.unique(together, axis=0)) == 4
+    np.testing.assert_array_equal(trained([3, 1]), together[[3, 1]])
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("trace_decay", 1.0),
+        ("average_rate", -0.1),
+        ("average_rate", np.nan),
+        ("critic_rate", np.inf),
+        ("critic_rate", -1.0),
+        ("steps", 0),
+    ],
+)
+def test_settings_outside_their_range_are_refused(setting: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{setting} should be"):
+        KondaActorCritic(**{setting: value})  # type: ignore[arg-type]
+
+
+def test_a_table_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match="policy should have 3 states and 3 actions"):
+        KondaActorCritic().start(ThreeStateMDP(), SoftmaxTable(3, 2), episode_streams(1))
+
+
+def test_what_is_no_environment_is_refused() -> None:
+    with pytest.raises(ValueError, match="environment should be a Gymnasium environment"):
+        KondaActorCritic().start(object(), SoftmaxTable(3, 3), episode_streams(1))
