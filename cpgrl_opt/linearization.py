@@ -48,7 +48,7 @@ class Linearization:
 
     def slack(self, thresholds: Float[np.ndarray, "m"]) -> Float[np.ndarray, "*runs m"]:
         """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""
-        return self.values[..., 1:] - thresholds
+        return np.asarray(self.values[..., 1:] - thresholds)
 
 
 def _finite(name: str, values: ArrayLike) -> Float[np.ndarray, "..."]:

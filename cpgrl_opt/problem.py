@@ -54,12 +54,12 @@ class DirectionProblem:
     @property
     def n(self) -> int:
         """Number of parameters."""
-        return self.jacobian.shape[1]
+        return int(self.jacobian.shape[1])
 
     @property
     def m(self) -> int:
         """Number of constraints."""
-        return self.jacobian.shape[0]
+        return int(self.jacobian.shape[0])
 
 
 @dataclass(frozen=True, init=False, eq=False)

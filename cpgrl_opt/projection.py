@@ -27,7 +27,7 @@ class _RowSpace:
 
     def least_norm(self, target: np.ndarray) -> np.ndarray:
         """Ĵ⁺ target."""
-        return self.right @ ((self.left.T @ target) / self.singular_values)
+        return np.asarray(self.right @ ((self.left.T @ target) / self.singular_values))
 
     def off(self, vector: np.ndarray) -> np.ndarray:
         """(I − V Vᵀ) vector, twice: the second pass takes away what rounding left of the first."""
@@ -64,7 +64,7 @@ def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers
 def projection_matrix(jacobian: ArrayLike) -> np.ndarray:
     """P = I − N (NᵀN)⁻¹ Nᵀ with N = Jᵀ, (n, n): symmetric, idempotent, JP = 0. Source: eq. 9."""
     V = _row_space(jacobian).right
-    return np.eye(len(V)) - V @ V.T
+    return np.asarray(np.eye(len(V)) - V @ V.T)
 
 
 def _row_space(jacobian: ArrayLike) -> _RowSpace:

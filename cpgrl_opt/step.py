@@ -238,5 +238,5 @@ class _Run:
 
 def _vanishes(tangent: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """‖PΔ¹‖ ≤ 1e-10 ‖Δ¹‖, in max-norms: they neither over- nor underflow."""
-    largest: np.ndarray = np.abs(tangent).max(axis=1)
-    return largest <= _STATIONARY * np.abs(gradient).max(axis=1)
+    limit = _STATIONARY * np.abs(gradient).max(axis=1)
+    return np.asarray(np.abs(tangent).max(axis=1) <= limit)
