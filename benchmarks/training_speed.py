@@ -1,0 +1,228 @@
+"""How many environment steps per second does training make, and how far is that from NumPy?
+
+The paper's first experiment (three-state MDP, CPGRL by eq. 8–10, 20 runs × 10000 episodes × 100 steps) trained by
+
+- `rl.train`, compiled, with the solvers `rosen` and `active-set`;
+- an academic loop: one run after the other, eq. 3–10 line by line in NumPy, as one would write it first;
+- NumPy over the runs: the same, 20 runs in lockstep in every array operation.
+
+The two in NumPy live below. Each contender trains fewer episodes than the paper, the slow ones
+fewer than the fast; the minutes at full size are extrapolated, time per step being constant. Accuracy beside time: the
+exact g¹ and the least slack of the policies reached (after different numbers of episodes; after equally many the
+contenders agree within noise, which a test checks).
+
+    python benchmarks/training_speed.py [--scale 10] [--out benchmarks/results]
+
+Limitations: one machine, one process, whatever else it does at the time; compilation is not counted, nor are records
+written. CPU seconds; the best of three repetitions taken in turns, since neighbours on the machine only ever slow down.
+"""
+
+import argparse
+import csv
+import platform
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cpgrl_opt import ConstrainedStep
+from envs import ThreeStateMDP
+from rl import CPGRL, GPOMDP, SoftmaxTable, train, uniform_parameters
+
+RUNS, STEPS, FULL = 20, 100, 20 * 10_000 * 100
+BETA, ALPHA_R, ALPHA = 0.99, 0.02, 0.02
+MDP = ThreeStateMDP()
+
+
+@dataclass(frozen=True)
+class Row:
+    """One contender's line in the table."""
+
+    method: str
+    runs: int
+    episodes: int
+    million_steps_per_second: float
+    microseconds_per_step: float
+    full_size_seconds: float  # extrapolated
+    ratio_to_academic: float
+    g1: float  # exact, mean over runs, after these episodes
+    least_slack: float  # exact, over runs and constraints
+
+
+def compiled(solver: str) -> Callable[[int, int], np.ndarray]:
+    """`rl.train` with this solver; (runs, episodes) → θ (runs, 9)."""
+    learner = CPGRL(ConstrainedStep(solver=solver, step_size=ALPHA, restoration_rate=ALPHA), np.zeros(3))
+
+    def run(runs: int, episodes: int) -> np.ndarray:
+        estimator = GPOMDP(trace_decay=BETA, average_rate=ALPHA_R, steps=STEPS)
+        initial = uniform_parameters(9)
+        policy = SoftmaxTable(3, 3)
+        records = train(MDP, policy, estimator, learner, episodes=episodes, runs=runs, initial=initial)
+        return deque(records, maxlen=1).pop().parameters
+
+    return run
+
+
+def academic(runs: int, episodes: int) -> np.ndarray:
+    """One run after the other, step by step, as eq. 3–10 are printed."""
+    rng, finals = np.random.default_rng(0), []
+    for _ in range(runs):
+        theta, rho = rng.random((3, 3)), np.zeros(4)
+        for _ in range(episodes):
+            z, delta, psi = np.zeros((3, 3)), np.zeros((4, 3, 3)), np.zeros((3, 3))
+            x = MDP.start
+            for t in range(STEPS):
+                mu = np.exp(theta[x]) / np.exp(theta[x]).sum()
+                u = rng.choice(3, p=mu)
+                if t > 0:
+                    z = BETA * z + psi
+                psi = np.zeros((3, 3))
+                psi[x] = -mu
+                psi[x, u] += 1
+                if t > 0:
+                    r = MDP.rewards[:, x, u]
+                    delta += (r[:, None, None] * (z + psi) - delta) / t  # eq. 3
+                    rho += ALPHA_R * (r - rho)  # eq. 4
+                x = rng.choice(3, p=MDP.transitions[x, u])
+            theta += projected_step(rho, delta.reshape(4, 9)).reshape(3, 3)
+        finals.append(theta.reshape(9))
+    return np.array(finals)
+
+
+def projected_step(rho: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """α₁PΔ¹ − αₑd by the pseudo-inverse of NᵀN, eq. 8–10."""
+    active = rho[1:] <= 0
+    N = delta[1:][active].T
+    inverse = np.linalg.pinv(N.T @ N)
+    P, d = np.eye(9) - N @ inverse @ N.T, N @ inverse @ rho[1:][active]
+    return ALPHA * (P @ delta[0] - d)
+
+
+def vectorised(runs: int, episodes: int) -> np.ndarray:
+    """All runs at once in every array operation, one step after the other."""
+    rng, rows = np.random.default_rng(0), np.arange(runs)
+    theta, rho = rng.random((runs, 3, 3)), np.zeros((runs, 4))
+    transitions, rewards = MDP.transitions.cumsum(axis=2), MDP.rewards.transpose(1, 2, 0)
+    for _ in range(episodes):
+        mu = np.exp(theta)
+        mu /= mu.sum(axis=2, keepdims=True)
+        cumulative, draws = mu.cumsum(axis=2), rng.random((STEPS, 2, runs))
+        z, psi, total = np.zeros((runs, 3, 3)), np.zeros((runs, 3, 3)), np.zeros((runs, 4, 9))
+        x = np.full(runs, MDP.start)
+        for t in range(STEPS):
+            u = (draws[t, 0, :, None] >= cumulative[rows, x, :2]).sum(axis=1)
+            if t > 0:
+                z = BETA * z + psi
+            psi = np.zeros((runs, 3, 3))
+            psi[rows, x] = -mu[rows, x]
+            psi[rows, x, u] += 1
+            if t > 0:
+                r = rewards[x, u]
+                total += r[:, :, None] * (z + psi).reshape(runs, 1, 9)
+                rho += ALPHA_R * (r - rho)
+            x = (draws[t, 1, :, None] >= transitions[x, u, :2]).sum(axis=1)
+        delta = total / (STEPS - 1)
+        theta += np.array([projected_step(*pair) for pair in zip(rho, delta, strict=True)]).reshape(runs, 3, 3)
+    return theta.reshape(runs, 9)
+
+
+ACADEMIC = "academic NumPy loop"
+# episodes at scale 1; the academic loop makes two runs, for its time per step does not depend on their number
+CONTENDERS: dict[str, tuple[Callable[[int, int], np.ndarray], int, int]] = {
+    ACADEMIC: (academic, 2, 25),
+    "NumPy over the runs": (vectorised, RUNS, 100),
+    "rl.train, rosen": (compiled("rosen"), RUNS, 1000),
+    "rl.train, active-set": (compiled("active-set"), RUNS, 1000),
+}
+
+
+def measure(scale: float = 1.0, repetitions: int = 3) -> list[Row]:
+    """Every contender, `scale` times its usual number of episodes; the best of the repetitions, taken in turns."""
+    seconds = dict.fromkeys(CONTENDERS, np.inf)
+    thetas: dict[str, np.ndarray] = {}
+    for run, runs, _ in CONTENDERS.values():
+        run(runs, 1)  # compiles, or loads from the cache
+    for _ in range(repetitions):
+        for method, (run, runs, usual) in CONTENDERS.items():
+            episodes = scaled(usual, scale)
+            start = time.process_time()
+            thetas[method] = run(runs, episodes)
+            elapsed = time.process_time() - start
+            seconds[method] = min(seconds[method], elapsed / (runs * episodes * STEPS))
+    return [row(method, seconds[method], seconds[ACADEMIC], thetas[method], scale) for method in CONTENDERS]
+
+
+def row(method: str, seconds: float, academic_seconds: float, theta: np.ndarray, scale: float) -> Row:
+    """The line of a method that took so many seconds per step and reached θ."""
+    _, runs, usual = CONTENDERS[method]
+    g = MDP.average_rewards(SoftmaxTable(3, 3).probabilities(theta))
+    return Row(
+        method=method,
+        runs=runs,
+        episodes=scaled(usual, scale),
+        million_steps_per_second=1e-6 / seconds,
+        microseconds_per_step=1e6 * seconds,
+        full_size_seconds=seconds * FULL,
+        ratio_to_academic=academic_seconds / seconds,
+        g1=float(g[:, 0].mean()),
+        least_slack=float(g[:, 1:].min()),
+    )
+
+
+def scaled(episodes: int, scale: float) -> int:
+    """At least one episode."""
+    return max(int(episodes * scale), 1)
+
+
+def table(rows: list[Row]) -> str:
+    """Markdown."""
+    lines = [
+        "| | M steps/s | µs/step | full size | × academic | runs × episodes | g¹ | least slack |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for r in rows:
+        full = f"{r.full_size_seconds / 60:.1f} min" if r.full_size_seconds > 120 else f"{r.full_size_seconds:.1f} s"
+        lines.append(
+            f"| {r.method} | {r.million_steps_per_second:.3g} | {r.microseconds_per_step:.3g} | {full} | "
+            f"{r.ratio_to_academic:.3g} | {r.runs} × {r.episodes} | {r.g1:.2f} | {r.least_slack:.3f} |"
+        )
+    return "\n".join(lines)
+
+
+def report(rows: list[Row]) -> str:
+    """The table with what it was measured on."""
+    import numba
+
+    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
+    return (
+        f"# Training speed\n\n{table(rows)}\n\nFull size, 20 runs × 10000 episodes × 100 steps a method, is "
+        f"extrapolated from the steps measured. One process on {platform.machine()} {platform.system()}; {versions}; "
+        f"CPU time, best of three. Command: `python benchmarks/training_speed.py --out benchmarks/results`.\n"
+    )
+
+
+def main() -> None:
+    """Measure, print, and write when asked to."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="times the usual number of episodes (1: half a minute)"
+    )
+    parser.add_argument("--out", type=Path, help="folder for training_speed.csv and training_speed.md")
+    arguments = parser.parse_args()
+    rows = measure(arguments.scale)
+    print(report(rows))
+    if arguments.out:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        (arguments.out / "training_speed.md").write_text(report(rows), encoding="utf-8")
+        with (arguments.out / "training_speed.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])))
+            writer.writeheader()
+            writer.writerows(asdict(row) for row in rows)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,57 @@
+"""The benchmark's contenders compute the same thing, and it runs tiny."""
+
+import csv
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from envs import ThreeStateMDP
+from rl import SoftmaxTable
+
+
+@pytest.fixture(scope="module")
+def benchmark() -> ModuleType:
+    path = Path(__file__).parents[2] / "benchmarks" / "training_speed.py"
+    spec = importlib.util.spec_from_file_location("training_speed", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["training_speed"] = module  # where dataclasses look for their annotations
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_after_equally_many_episodes_the_contenders_agree_within_six_standard_errors(benchmark: ModuleType) -> None:
+    def values(theta: np.ndarray) -> np.ndarray:
+        return ThreeStateMDP().average_rewards(SoftmaxTable(3, 3).probabilities(theta))
+
+    reached = [
+        values(run(runs, 40))
+        for run, runs in [
+            (benchmark.academic, 4),
+            (benchmark.vectorised, 40),
+            (benchmark.compiled("rosen"), 400),
+            (benchmark.compiled("active-set"), 400),
+        ]
+    ]
+    reference = reached[-1]
+    for g in reached[:-1]:
+        error = reference.std(axis=0) * np.sqrt(1 / len(g) + 1 / len(reference))
+        assert (np.abs(g.mean(axis=0) - reference.mean(axis=0)) < 6 * error).all()
+
+
+def test_it_runs_tiny_and_writes_both_files(
+    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["training_speed.py", "--scale", "0.01", "--out", str(tmp_path)])
+    benchmark.main()
+    markdown = (tmp_path / "training_speed.md").read_text(encoding="utf-8")
+    assert markdown in capsys.readouterr().out
+    with (tmp_path / "training_speed.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["method"] for row in rows] == list(benchmark.CONTENDERS)
+    assert all(float(row["microseconds_per_step"]) > 0 for row in rows)
