@@ -17,7 +17,7 @@ from ..projection import RANK_TOLERANCE
 from .factorization import pivoted_qr, solve_upper
 from .reduction import ScaledProblem
 
-# A row within this of its bound, in units of max(‖g‖, ‖d‖), may belong to the face or not: no back end is surer than that.
+# A row this near to its bound, in units of max(‖g‖, ‖d‖), is in the face or not: no back end is surer than that.
 _NEARLY_TIGHT = 1e-6
 _MOST_FACES = 4
 

@@ -80,6 +80,14 @@ def failure(problem: DirectionProblem, status: Status, iterations: int = 0) -> D
     return Direction(np.zeros(problem.n), np.zeros(problem.m), status, iterations)
 
 
+def require_session_shape(problem: DirectionProblem, n: int, m: int) -> None:
+    """ValueError unless the problem has the shape that a session was opened for."""
+    if (problem.m, problem.n) != (m, n):
+        raise ValueError(
+            f"problem should have m = {m} and n = {n} as its session; found m = {problem.m}, n = {problem.n}"
+        )
+
+
 def candidate_of(scaled: ScaledProblem, d: Vector, multipliers: np.ndarray) -> Candidate:
     """(d, μ) in units of s, brought back to the problem's units and put before the referee."""
     with np.errstate(over="ignore", under="ignore"):
@@ -157,6 +165,7 @@ def _claimed(problem: DirectionProblem, attempt: Attempt, tolerance: float) -> D
     if candidate is not None and attempt.worst <= tolerance:
         return candidate.claimed(Status.OPTIMAL, answer.iterations)
     is_limit = answer.failure == Status.ITERATION_LIMIT
-    if candidate is None or not np.isfinite(attempt.worst):
+    gave_up = answer.failure in (Status.INFEASIBLE, Status.NUMERICAL_ERROR)  # its point is no attempt at the optimum
+    if candidate is None or gave_up or not np.isfinite(attempt.worst):
         return failure(problem, Status.ITERATION_LIMIT if is_limit else Status.NUMERICAL_ERROR, answer.iterations)
     return candidate.claimed(Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED, answer.iterations)

@@ -3,6 +3,7 @@
 minimize ½‖x‖² − cᵀx   subject to   A_I x ≥ b_I,   A_E x = b_E        with A, b, c parameters (DPP)
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -12,7 +13,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .packages import require_package
-from .preparation import solve_prepared
+from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
 
@@ -39,33 +40,39 @@ class CVXPY:
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction, compiled for this problem alone; see `Status`. Raises MissingPackageError."""
-        return self.session().solve(problem)
+        return self.session(problem.n, problem.m).solve(problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """The directions of many problems, one after the other; each shape is compiled once."""
-        session = self.session()
+        """The directions of problems of one shape, one after the other, compiled once."""
+        first = problems[0]
+        session = self.session(first.n, first.m)
         return DirectionBatch.stack([session.solve(problem) for problem in problems])
 
-    def session(self) -> "CVXPYSession":
-        """An object that keeps the compiled problems; no answer depends on the ones before."""
+    def session(self, n: int, m: int, *, warm_start: bool = False) -> "CVXPYSession":  # noqa: ARG002
+        """An object that keeps what it compiled for n parameters and m constraints.
+
+        warm_start: as in other solvers' sessions; CLARABEL has none, so that no answer depends on the ones before.
+        """
         require_package("cvxpy", "cvxpy", "solvers")
-        return CVXPYSession(self)
+        return CVXPYSession(self, n, m)
 
 
 class CVXPYSession:
-    """CVXPY problems compiled once per shape (coordinates, inequalities, equalities)."""
+    """CVXPY problems for one shape (n, m), compiled once for each number of coordinates and of equalities."""
 
-    def __init__(self, settings: CVXPY) -> None:
+    def __init__(self, settings: CVXPY, n: int, m: int) -> None:
         self.settings = settings
+        self.n, self.m = n, m
         self._compiled: dict[tuple[int, int, int], _Parametrised] = {}
 
     @property
     def compiled_shapes(self) -> int:
-        """How many shapes were compiled so far."""
+        """How many reduced shapes were compiled so far."""
         return len(self._compiled)
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; see `Status`."""
+        """The certified direction; ValueError unless the problem has the session's shape."""
+        require_session_shape(problem, self.n, self.m)
         settings = self.settings
         return solve_prepared(problem, self._solve_reduced, tolerance=settings.tolerance, polish=settings.polish)
 
@@ -96,8 +103,6 @@ class _Parametrised:
 
     def solve(self, reduced: ReducedProblem, settings: CVXPY) -> BackEndAnswer:
         """x and μ of CLARABEL, read from the problem's variable and dual variables."""
-        import warnings
-
         import cvxpy
 
         self.center.value = reduced.center

@@ -3,8 +3,10 @@
 min ½xᵀx − cᵀx   s.t.   −A_I x ≤ −b_I,   A_E x = b_E
 """
 
+import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -173,12 +175,37 @@ class QPSolversBackend:
         limit = facts.default_iteration_limit if self.iteration_limit is None else self.iteration_limit
         options = {**facts.options(self.tolerance, limit, self.time_limit), **self.options}
         try:
-            with warnings.catch_warnings():  # qpsolvers warns of statuses that are handled here
+            with warnings.catch_warnings(), _without_remarks():  # on statuses that are handled here
                 warnings.simplefilter("ignore")
                 solution = solve_problem(_qp(reduced, facts.is_sparse), self.name, verbose=False, **options)
         except (ProblemError, SolverError):  # e.g. quadprog on dependent equalities
             return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
         return _answer(reduced, solution)
+
+
+@contextmanager
+def _without_remarks() -> Iterator[None]:
+    """Keeps SCS's "ERROR: could not determine problem status" off stdout: no option of SCS does."""
+    stdout = sys.stdout
+    sys.stdout = _Filter(stdout)
+    try:
+        yield
+    finally:
+        sys.stdout = stdout
+
+
+class _Filter:
+    """A text stream that passes everything on but SCS's remarks; what other threads print comes through."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """The number of characters taken."""
+        return len(text) if text.startswith("ERROR: could not determine") else self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _qp(reduced: ReducedProblem, is_sparse: bool) -> Any:
@@ -198,7 +225,7 @@ def _qp(reduced: ReducedProblem, is_sparse: bool) -> Any:
 def _answer(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
     """x, μ_I = z and μ_E = −y: qpsolvers' Lagrangian is that of Gx ≤ h and Ax = b."""
     verdict, iterations = _verdict(solution), _iterations(solution.extras)
-    if solution.x is None or verdict == Status.INFEASIBLE:
+    if solution.x is None:
         return BackEndAnswer(None, None, iterations, verdict)
     multipliers = np.zeros(len(reduced.bound))
     for part, sign, values in ((~reduced.equality, 1.0, solution.z), (reduced.equality, -1.0, solution.y)):

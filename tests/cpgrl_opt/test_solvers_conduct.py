@@ -52,6 +52,10 @@ NASTY = [
     DirectionProblem([0.0, 0], np.zeros((2, 2)), [0, 1]),
     DirectionProblem([-5e-324, 5e-324], [[1.0, 1], [1, -1]], 0),
     DirectionProblem([1e-170, -1e-170], [[1e170, 0], [0, 1e-170]], 0),
+    DirectionProblem(  # SCS gives up on this one aloud
+        [-0.33706664, -0.94148079, 0.0],
+        [[-1.0, 0, 0], [-0.58261104, -0.33340721, -0.74121792], [0.86667968, 0.2046447, 0.45495811]],
+    ),
 ]
 
 
@@ -138,12 +142,13 @@ def test_a_cold_session_forgets_and_a_warm_one_agrees() -> None:
 
 
 def test_a_session_refuses_another_shape() -> None:
-    with pytest.raises(ValueError, match="m = 4 and n = 5 as its session; found m = 3, n = 5"):
-        OSQP().session(5, 4).solve(cone(0, m=3))
+    for session in (OSQP().session(5, 4), CVXPY().session(5, 4)):
+        with pytest.raises(ValueError, match="m = 4 and n = 5 as its session; found m = 3, n = 5"):
+            session.solve(cone(0, m=3))
 
 
 def test_cvxpy_compiles_a_shape_once() -> None:
-    session = CVXPY().session()
+    session = CVXPY().session(5, 4)
     answers = [session.solve(cone(seed)) for seed in range(4)]
     assert all(answer.status == Status.OPTIMAL for answer in answers)
     assert session.compiled_shapes == 1
