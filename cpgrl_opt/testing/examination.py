@@ -84,8 +84,8 @@ class _Draws:
         def asked(arguments: dict[str, Any]) -> None:
             judge(arguments)
 
-        decorate: Any = seed(self.number)  # type: ignore[no-untyped-call]
-        decorate(chosen(given(self.arguments)(asked)))()
+        test: Callable[[], None] = chosen(given(self.arguments)(asked))  # type: ignore[no-untyped-call]
+        seed(self.number)(test)()
 
 
 class _Enough(KeyboardInterrupt):

@@ -1,0 +1,236 @@
+"""The verdict counts honestly, repeats itself, writes nothing into the user's folder, and can be read."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
+from cpgrl_opt.testing import (
+    LAWS,
+    Case,
+    LawBroken,
+    Outcome,
+    check_direction_solver,
+    check_idempotence,
+    check_scaling,
+    check_stationarity,
+    parametrize_with_checks,
+    supported_cases,
+)
+
+PROBLEM = DirectionProblem([1.0, 1.0], [[-1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class UnitLength:
+    """A known-bad solver."""
+
+    def solve(self, problem):
+        answer = SOLVERS["enumeration"].solve(problem)
+        size = np.linalg.norm(answer.value)
+        return Direction(answer.value / (size or 1.0), answer.multipliers, answer.status)
+
+
+@pytest.fixture(scope="module")
+def verdict():
+    return check_direction_solver(
+        UnitLength(),
+        checks=["check_stationarity", "check_scaling", "check_silence", "check_batch_is_loop"],
+        expected_failures={"check_scaling": "its length is 1 by design", "check_silence": "might print"},
+        max_examples=40,
+    )
+
+
+def test_every_law_is_a_check_of_the_package_and_states_itself():
+    import cpgrl_opt.testing as kit
+
+    assert len(LAWS) == 26
+    for name, law in LAWS.items():
+        assert getattr(kit, name) is law.check
+        assert len(law.statement) > 20
+        assert "Source:" in law.check.__doc__, name
+
+
+def test_counts_add_up(verdict):
+    broken = verdict["check_stationarity"]
+    assert broken.run + broken.skipped == 40
+    assert 0 < broken.failed <= broken.run - broken.declined
+    assert broken.expected == 0
+    declared = verdict["check_scaling"]
+    assert declared.expected > 0
+    assert declared.failed == 0
+
+
+def test_declared_failures_are_excused_and_others_are_not(verdict):
+    assert not verdict.passed
+    assert [result.check for result in verdict.failures] == ["check_stationarity"]
+    words = {result.check: result.word for result in verdict.results}
+    assert words == {
+        "check_stationarity": "FAILED",
+        "check_scaling": "failed as expected",
+        "check_silence": "held, though expected to fail",
+        "check_batch_is_loop": "unsupported",
+    }
+
+
+def test_a_failure_raises_with_the_counterexample(verdict):
+    with pytest.raises(LawBroken, match=r"check_stationarity[\s\S]*should be at most 1e-06[\s\S]*DirectionProblem\("):
+        verdict.raise_for_failures()
+    verdict["check_scaling"].raise_for_failure()
+
+
+def test_the_counterexample_is_small_enough_for_a_check_by_hand(verdict):
+    scope = {}
+    seen = []
+    exec(verdict["check_stationarity"].counterexample, scope)
+    scope["test_stationarity_holds_here"](
+        SimpleNamespace(solve=lambda problem: seen.append(problem) or SOLVERS["enumeration"].solve(problem))
+    )
+    assert seen[0].jacobian.size <= 6
+    assert np.abs(seen[0].gradient).sum() <= 3.0
+
+
+def test_the_markdown_has_a_row_for_every_check_and_the_code(verdict):
+    text = verdict.to_markdown()
+    assert text.startswith("# Verdict on UnitLength()\n\nUnitLength() does not pass: of 4 laws 1 held")
+    for result in verdict.results:
+        assert f"| {result.check} |" in text
+    assert "failed as expected: its length is 1 by design" in text
+    assert "```python\nfrom cpgrl_opt import DirectionProblem\n" in text
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert {row.replace("\\|", "").count("|") for row in rows} == {9}
+
+
+def test_the_same_seed_gives_the_same_verdict_and_another_seed_other_problems():
+    def verdict_of(seed):
+        return check_direction_solver(UnitLength(), checks=["check_stationarity"], max_examples=20, seed=seed)
+
+    assert verdict_of(3) == verdict_of(3)
+    drawn = {verdict_of(seed)["check_stationarity"].failed for seed in range(4)}
+    assert len(drawn) > 1
+
+
+def test_a_check_that_ran_on_nothing_is_not_passed():
+    """`supports` takes the small example of each case but none of the problems."""
+    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=lambda problem: problem.n == 3 and problem.m == 2)
+    verdict = check_direction_solver(choosy, checks=["check_stationarity"], max_examples=10)
+    assert not verdict.passed
+    assert verdict["check_stationarity"].run == 0
+    assert verdict["check_stationarity"].skipped == 10
+    assert "no problem was run" in verdict["check_stationarity"].problem
+
+
+def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
+    verdict = check_direction_solver(UnitLength(), checks=["check_stationarity"], max_examples=1)
+    assert verdict.tolerance == 1e-6
+    assert supported_cases(UnitLength()) == list(Case)
+    assert set(supported_cases(SOLVERS["rosen"])) == {Case.TANGENT, Case.AFFINE}
+
+
+def test_declining_now_and_then_is_allowed_and_often_is_not():
+    def declines(share):
+        rng = np.random.default_rng(0)
+
+        def solve(problem):
+            answer = SOLVERS["enumeration"].solve(problem)
+            give_up = rng.random() < share
+            return Direction(answer.value, answer.multipliers, Status.ITERATION_LIMIT if give_up else answer.status)
+
+        return check_direction_solver(SimpleNamespace(solve=solve), checks=["check_stationarity"], max_examples=100)
+
+    assert declines(0.01).passed
+    often = declines(0.2)
+    assert not often.passed
+    assert "more than 5%" in often["check_stationarity"].problem
+
+
+def test_wrong_names_are_answered_with_the_right_ones():
+    for arguments in ({"checks": ["stationarity"]}, {"expected_failures": {"stationarity": "a typing error"}}):
+        with pytest.raises(ValueError, match="check should be one of check_claims_are_certified, check_stationarity"):
+            check_direction_solver(UnitLength(), **arguments)
+    with pytest.raises(ValueError, match="solver in expected_failures should be one of mine; found 'yours'"):
+        parametrize_with_checks({"mine": UnitLength()}, expected_failures={"yours": {}})
+
+
+def test_checks_are_plain_functions():
+    assert check_stationarity(SOLVERS["nnls"], PROBLEM) == Outcome.HELD
+    assert check_idempotence(SOLVERS["rosen"], PROBLEM) == Outcome.SKIPPED
+    declining = SimpleNamespace(solve=lambda _: Direction(np.zeros(2), np.zeros(1), Status.NUMERICAL_ERROR))
+    assert check_stationarity(declining, PROBLEM) == Outcome.DECLINED
+    with pytest.raises(LawBroken, match="The direction has a length of its own"):
+        check_scaling(UnitLength(), DirectionProblem([0.0, 1.0], [[1.0, 0.0]]), factor=2.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "should return an object with value"),
+        (SimpleNamespace(value=[0.0], multipliers=[0.0], status=0), r"should have shapes \(2,\) and \(1,\)"),
+        (SimpleNamespace(value=[0.0, 1.0], multipliers=[1.0], status="solved"), "status, a cpgrl_opt.Status"),
+    ],
+)
+def test_malformed_answers_are_told_apart(answer, message):
+    with pytest.raises(LawBroken, match=message):
+        check_stationarity(SimpleNamespace(solve=lambda _: answer), PROBLEM)
+
+
+@pytest.mark.parametrize("status", [0, "optimal", Status.OPTIMAL])
+def test_a_status_may_be_a_number_or_a_name(status):
+    answer = SimpleNamespace(value=[0.0, 1.0], multipliers=[1.0], status=status)
+    assert check_stationarity(SimpleNamespace(solve=lambda _: answer), PROBLEM) == Outcome.HELD
+
+
+def test_parametrize_makes_an_item_for_each_solver_and_law():
+    mark = parametrize_with_checks({"mine": UnitLength(), "yours": UnitLength()}).mark
+    ids = [item.id for item in mark.args[1]]
+    assert len(ids) == 2 * len(LAWS)
+    assert {"mine-stationarity", "yours-silence"} <= set(ids)
+
+
+def test_items_fail_skip_and_xfail_as_they_should(tmp_path):
+    (tmp_path / "test_mine.py").write_text(
+        "from cpgrl_opt import SOLVERS, Direction\n"
+        "from cpgrl_opt.testing import parametrize_with_checks\n"
+        "class Doubled:\n"
+        "    def solve(self, problem):\n"
+        "        answer = SOLVERS['enumeration'].solve(problem)\n"
+        "        return Direction(2 * answer.value, answer.multipliers, answer.status)\n"
+        "@parametrize_with_checks({'mine': Doubled()}, max_examples=15,\n"
+        "                         expected_failures={'mine': {'check_idempotence': 'doubles'}})\n"
+        "def test_laws(solver, check):\n"
+        "    check(solver)\n"
+    )
+    chosen = "stationarity or idempotence or silence or batch"
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, "--tb=line", "test_mine.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "1 failed, 1 passed, 1 skipped, 22 deselected, 1 xfailed" in run.stdout, run.stdout
+
+
+def test_nothing_is_written_into_the_folder_of_the_user(tmp_path):
+    code = (
+        "from cpgrl_opt import SOLVERS; from cpgrl_opt.testing import check_direction_solver; "
+        "print(check_direction_solver(SOLVERS['nnls'], checks=['check_stationarity'], max_examples=20).summary)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert run.stdout.strip().endswith("passes: of 1 laws 1 held.")
+    assert run.stderr == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_hypothesis_the_error_says_what_to_type():
+    code = (
+        "import sys; sys.modules['hypothesis'] = None\n"
+        "try:\n    import cpgrl_opt.testing\n"
+        "except ImportError as error:\n    print(error)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "type: pip install 'cpgrl-opt[testing]'" in run.stdout
