@@ -11,7 +11,7 @@
 """
 
 from .estimators import GPOMDP, Estimate, Estimation, ExactGradient, GradientEstimator, KondaActorCritic
-from .learners import CPGRL, ConstraintSwitching, Learner, LearnerUpdate, WeightedSum
+from .learners import CPGRL, ConstraintSwitching, GradientWithRestoration, Learner, LearnerUpdate, WeightedSum
 from .parallel import map_runs
 from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
 from .training import DivergenceError, TrainingRecord, train, uniform_parameters
@@ -25,6 +25,7 @@ __all__ = [
     "Estimation",
     "ExactGradient",
     "GradientEstimator",
+    "GradientWithRestoration",
     "KondaActorCritic",
     "Learner",
     "LearnerUpdate",

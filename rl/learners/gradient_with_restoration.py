@@ -1,0 +1,43 @@
+"""CPGRL without its projection: what the projection is worth is seen beside this."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt.step import Observer
+
+from .interface import LearnerUpdate
+from .settings import threshold_vector
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class GradientWithRestoration:
+    """θ ← θ + α₁ Δ¹ + αₑ v: CPGRL's restoration v = −d beside the whole gradient, eq. 8 with P = I.
+
+    step: a `ConstrainedStep`; its solver, rates and safeguards serve the restoration. thresholds Gⁱ: (m,).
+    Raises ValueError for the formulation "restoring", whose restoration is no move of its own. Ours, for comparison.
+    """
+
+    step: ConstrainedStep
+    thresholds: Float[np.ndarray, "m"]
+    restoration: ConstrainedStep
+
+    def __init__(self, step: ConstrainedStep, thresholds: ArrayLike) -> None:
+        if step.formulation == "restoring":
+            raise ValueError("formulation should be 'equality' or 'cone', with a restoration apart; found 'restoring'")
+        object.__setattr__(self, "step", step)
+        object.__setattr__(self, "thresholds", threshold_vector(thresholds))
+        object.__setattr__(self, "restoration", replace(step, step_size=0.0))
+
+    def update(
+        self, linearization: Linearization, memory: Any = None, observe: Observer | None = None
+    ) -> LearnerUpdate:
+        """The change; counts are those of the step that restores."""
+        result = self.restoration(linearization, self.thresholds, memory, observe)
+        change = result.change + self.step.step_size * linearization.objective_gradient
+        counts = {name: getattr(result, name) for name in result.COUNTS}
+        return LearnerUpdate(change, result.active, ~change.any(axis=1), counts, result.active)
