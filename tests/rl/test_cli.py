@@ -122,6 +122,7 @@ def test_a_solver_that_is_not_installed_says_what_to_type(tmp_path, monkeypatch)
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
+    (tmp_path / "claims.json").write_text("of an earlier run", encoding="utf-8")
     command = [sys.executable, "-m", "rl.cli", "reproduce", "three-state", "--runs", "2", "--episodes", "100000000"]
     process = subprocess.Popen(
         [*command, "--record-every", "10", "--jobs", jobs, "--out", str(tmp_path)],
