@@ -31,6 +31,7 @@ class KondaActorCritic:
     ρ is subtracted in every critic, in reward per step whatever `average` says. z and Δ restart with each episode;
     w and ρ go on (§2.4 as we read it; resetting w kills learning). ψ_{t+1} = 0 after an event that ends the episode;
     at the time limit one more action is drawn to bootstrap from.
+    α_w ‖ψ‖² well below 1 keeps w bounded: with a Gaussian policy, whose ψ grows as 1/σ, σ ~ 1 in the unit of u.
     As the critic settles, w tends to the fixed point of TD(β) and Δ to E[ψψᵀ]w, as β → 1 to the exact gradient.
 
     trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: ≥ 0, the paper's is α_r.
