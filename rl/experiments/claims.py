@@ -45,7 +45,7 @@ def write_claims(claims: Sequence[Claim], path: Path) -> None:
 
 def print_claims(claims: Sequence[Claim], console: Console) -> None:
     """A row per claim, and how many hold."""
-    table = Table("holds", "the paper says", "measured", title="Claims", title_justify="left", show_lines=True)
+    table = Table("holds", "claim", "measured", title="Claims", title_justify="left", show_lines=True)
     for claim in claims:
         verdict = "[green]yes[/green]" if claim.holds else "[bold red]no[/bold red]"
         words, source, evidence = (escape(text) for text in (claim.claim, claim.source, claim.evidence))

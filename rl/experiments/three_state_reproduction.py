@@ -12,22 +12,14 @@ from envs import ThreeStateMDP
 
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
-from .solver_cases import cases
+from .results_directory import clear
+from .step_report import handing_over, in_words
 from .summary import versions, write_summary
 from .three_state import METHODS, Listener, ThreeStateResults, ThreeStateSettings, train_three_state
 from .three_state_claims import three_state_claims
 from .three_state_evidence import Evidence
 from .three_state_figures import averages_figure, policies_figure
 
-# What a step counts (cpgrl_opt.StepResult), in words.
-_EVENTS = {
-    "infeasible": "subproblems that no direction meets, their gradients being dependent (least violation taken)",
-    "fallback": "subproblems handed to active-set",
-    "skipped": "updates left out for want of a certified direction",
-    "dropped": "constraints dropped (§2.3)",
-    "capped": "restorations shortened",
-    "flat": "active constraints without gradient, left out",
-}
 FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg")
 
 
@@ -48,7 +40,7 @@ def reproduce_three_state(
     Interrupted, it leaves `learning.csv` with what was recorded. Raises as `train_three_state`.
     """
     begun = perf_counter()
-    clear(directory)
+    clear(directory, FILES)
     results = train_three_state(
         settings, directory / "learning.csv", processes=processes, listen=listen, meanwhile=_load
     )
@@ -68,16 +60,6 @@ def _load() -> None:
     import scipy.optimize  # noqa: F401 - for the linear programme; slow to import
 
     load_figures()
-
-
-def clear(directory: Path) -> None:
-    """The directory, without results of an earlier run: those of two runs never lie side by side."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for name in FILES:
-            (directory / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise ValueError(f"out should be a directory to write into; found {directory} ({error.strerror})") from error
 
 
 def evidence(results: ThreeStateResults) -> Evidence:
@@ -112,14 +94,10 @@ def remarks(done: Reproduction) -> list[str]:
         f"{outcomes['cpgrl'].steps_per_second / 1e6:.1f} M steps/s. Wall time {done.seconds['total']:.1f} s: "
         f"training {done.seconds['training']:.1f} s, figures {done.seconds['figures']:.1f} s."
     ]
-    counted = [f"{count} {_EVENTS.get(name, name)}" for name, count in outcomes["cpgrl"].counts.items() if count]
+    counted = in_words(outcomes["cpgrl"].counts)
     if counted:
-        lines.append(f"In {settings.runs * settings.episodes} updates of CPGRL: {', '.join(counted)}.")
-    if settings.formulation not in cases(settings.step().solver):
-        lines.append(
-            f"The solver {settings.solver} does not take the formulation {settings.formulation}: "
-            "active-set solved every subproblem instead."
-        )
+        lines.append(f"In {settings.runs * settings.episodes} updates of CPGRL: {counted}.")
+    lines += handing_over(settings.solver, settings.step().solver, settings.formulation)
     return lines
 
 

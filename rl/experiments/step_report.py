@@ -1,0 +1,30 @@
+"""What steps counted and handed over during training, in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from .solver_cases import cases
+
+# What a step counts (cpgrl_opt.StepResult).
+_EVENTS = {
+    "infeasible": "subproblems that no direction meets, their gradients being dependent (least violation taken)",
+    "fallback": "subproblems handed to active-set",
+    "skipped": "updates left out for want of a certified direction",
+    "dropped": "constraints dropped (§2.3)",
+    "capped": "restorations shortened",
+    "flat": "active constraints without gradient, left out",
+}
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """Each event that happened, with its number; a name without words of its own stands for itself."""
+    return ", ".join(f"{count} {_EVENTS.get(name, name)}" for name, count in counts.items() if count)
+
+
+def handing_over(name: str, solver: Any, formulation: str) -> list[str]:
+    """One sentence if the solver of this name does not take the formulation, none otherwise."""
+    if formulation in cases(solver):
+        return []
+    return [
+        f"The solver {name} does not take the formulation {formulation}: active-set solved every subproblem instead."
+    ]
