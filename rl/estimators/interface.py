@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -34,6 +34,7 @@ class Estimate:
         return Linearization(self.values, self.gradients)
 
 
+@runtime_checkable
 class Estimation(Protocol):
     """B runs under way: what is carried from episode to episode lives here."""
 
@@ -41,6 +42,7 @@ class Estimation(Protocol):
         """One episode of each run at its own θ, a row of `parameters`."""
 
 
+@runtime_checkable
 class GradientEstimator(Protocol):
     """Settings of an estimator."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,6 +27,7 @@ class LearnerUpdate:
     memory: Any = None
 
 
+@runtime_checkable
 class Learner(Protocol):
     """Settings of a learner; what it remembers of a run travels in `memory`, None before the first update."""
 

@@ -1,7 +1,7 @@
 """What an estimator needs of a policy μ_θ(x, u)."""
 
 from collections.abc import Callable
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Vector
 
+Index = int | np.int64
 Features = Callable[[Any], Float[np.ndarray, "k"]]
 
 
+@runtime_checkable
 class Policy(Protocol):
     """μ_θ(x, u), immutable: `with_parameters` gives the same policy at another θ."""
 
@@ -25,7 +27,7 @@ class Policy(Protocol):
     def score(self, observation: Any, action: Any) -> Vector:
         """ψ = ∇_θ log μ_θ(x, u), (n,). Source: §2.2 of the paper."""
 
-    def with_parameters(self, parameters: ArrayLike) -> Self:
+    def with_parameters(self, parameters: ArrayLike) -> "Policy":
         """The policy at another θ, (n,)."""
 
 

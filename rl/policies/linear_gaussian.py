@@ -1,9 +1,10 @@
 """A Gaussian over actions whose mean is linear in features of the observation."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
@@ -47,11 +48,11 @@ class LinearGaussian:
         ):
             object.__setattr__(self, name, value)
 
-    def mean(self, observation: Any) -> Vector:
+    def mean(self, observation: Any) -> Float[np.ndarray, "d"]:
         """Θᵀφ(x), (d,)."""
         return self._of(self.features(observation))
 
-    def sample(self, observation: Any, rng: np.random.Generator) -> Vector:
+    def sample(self, observation: Any, rng: np.random.Generator) -> Float[np.ndarray, "d"]:
         """An action, (d,)."""
         return self.mean(observation) + self.deviation * rng.standard_normal(self.dimensions)
 
@@ -61,10 +62,12 @@ class LinearGaussian:
         surprise = (np.asarray(action, dtype=np.float64) - self._of(phi)) / self.deviation**2
         return np.outer(phi, surprise).reshape(-1)
 
-    def with_parameters(self, parameters: ArrayLike) -> Self:
+    def with_parameters(self, parameters: ArrayLike) -> "LinearGaussian":
         """The policy at another θ, (k·d,)."""
-        return type(self)(self.features, self.size, self.dimensions, deviation=self.deviation, parameters=parameters)
+        return LinearGaussian(
+            self.features, self.size, self.dimensions, deviation=self.deviation, parameters=parameters
+        )
 
-    def _of(self, phi: Vector) -> Vector:
-        mean: Vector = phi @ self.parameters.reshape(self.size, self.dimensions)
+    def _of(self, phi: Float[np.ndarray, "k"]) -> Float[np.ndarray, "d"]:
+        mean: np.ndarray = phi @ self.parameters.reshape(self.size, self.dimensions)
         return mean

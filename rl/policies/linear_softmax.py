@@ -1,14 +1,15 @@
 """A softmax over actions whose preferences are linear in features of the observation."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import Features, parameter_vector, require_count
+from .interface import Features, Index, parameter_vector, require_count
 from .softmax_table import softmax
 
 
@@ -36,7 +37,7 @@ class LinearSoftmax:
         ):
             object.__setattr__(self, name, value)
 
-    def probabilities(self, observation: Any) -> Vector:
+    def probabilities(self, observation: Any) -> Float[np.ndarray, "A"]:
         """μ_θ(x, ·), (A,)."""
         return self._of(self.features(observation))
 
@@ -45,16 +46,16 @@ class LinearSoftmax:
         cumulative = np.cumsum(self.probabilities(observation))
         return min(int(np.searchsorted(cumulative, rng.random(), side="right")), self.actions - 1)
 
-    def score(self, observation: Any, action: int) -> Vector:
+    def score(self, observation: Any, action: Index) -> Vector:
         """ψ, (k·A,)."""
         phi = self.features(observation)
         surprise = -self._of(phi)
         surprise[action] += 1.0
         return np.outer(phi, surprise).reshape(-1)
 
-    def with_parameters(self, parameters: ArrayLike) -> Self:
+    def with_parameters(self, parameters: ArrayLike) -> "LinearSoftmax":
         """The policy at another θ, (k·A,)."""
-        return type(self)(self.features, self.size, self.actions, parameters)
+        return LinearSoftmax(self.features, self.size, self.actions, parameters)
 
-    def _of(self, phi: Vector) -> Vector:
+    def _of(self, phi: Float[np.ndarray, "k"]) -> Float[np.ndarray, "A"]:
         return softmax(phi @ self.parameters.reshape(self.size, self.actions))

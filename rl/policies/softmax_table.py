@@ -1,7 +1,6 @@
 """A lookup table with softmax distribution: the policy of the three-state MDP (§3.1)."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import parameter_vector, require_count
+from .interface import Index, parameter_vector, require_count
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -38,24 +37,24 @@ class SoftmaxTable:
         theta = self.parameters if parameters is None else np.asarray(parameters, dtype=np.float64)
         return softmax(theta.reshape((*theta.shape[:-1], self.states, self.actions)))
 
-    def sample(self, observation: int, rng: np.random.Generator) -> int:
+    def sample(self, observation: Index, rng: np.random.Generator) -> int:
         """An action 0 … A − 1 in the state 0 … S − 1."""
         cumulative = np.cumsum(self._row(observation))
         # min: rounding can leave the last sum below the draw
         return min(int(np.searchsorted(cumulative, rng.random(), side="right")), self.actions - 1)
 
-    def score(self, observation: int, action: int) -> Vector:
+    def score(self, observation: Index, action: Index) -> Vector:
         """ψ, (S·A,): zero but for the A entries of the state."""
         psi = np.zeros((self.states, self.actions))
         psi[observation] = -self._row(observation)
         psi[observation, action] += 1.0
         return psi.reshape(-1)
 
-    def with_parameters(self, parameters: ArrayLike) -> Self:
+    def with_parameters(self, parameters: ArrayLike) -> "SoftmaxTable":
         """The table at another θ, (S·A,)."""
-        return type(self)(self.states, self.actions, parameters)
+        return SoftmaxTable(self.states, self.actions, parameters)
 
-    def _row(self, state: int) -> Float[np.ndarray, "A"]:
+    def _row(self, state: Index) -> Float[np.ndarray, "A"]:
         return softmax(self.parameters[state * self.actions : (state + 1) * self.actions])
 
 

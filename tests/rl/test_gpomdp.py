@@ -80,6 +80,10 @@ class ReplayedTable:
     table: SoftmaxTable
     replay: Replay
 
+    @property
+    def parameters(self) -> np.ndarray:
+        return self.table.parameters
+
     def sample(self, observation: int, rng: object) -> int:  # noqa: ARG002
         cumulative = np.cumsum(self.table.probabilities()[observation])
         action = int(np.searchsorted(cumulative, self.replay.uniform_for_action(), side="right"))
@@ -100,7 +104,7 @@ def test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws(case: str, 
     policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
     compiled = settings.start(mdp, policy, streams)
     replays = [Replay(mdp, stream) for stream in streams]
-    plain = [RolloutGPOMDP(settings, r, ReplayedTable(policy, r), streams[:1]) for r in replays]  # type: ignore[arg-type]
+    plain = [RolloutGPOMDP(settings, r, ReplayedTable(policy, r), streams[:1]) for r in replays]
     for _ in range(4):  # ρ and the random state are carried over, z and Δ are not
         parameters = rng.normal(size=(3, mdp.states * mdp.actions))
         fast = compiled.episode(parameters)

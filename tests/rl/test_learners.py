@@ -87,7 +87,7 @@ def test_settings_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="thresholds should be finite"):
         CPGRL(ConstrainedStep(), [[0, 0]])
     with pytest.raises(ValueError, match="step_size should be"):
-        WeightedSum(step_size=-1)
+        WeightedSum(step_size=-1.0)
     with pytest.raises(ValueError, match="weights should have shape"):
         WeightedSum([1, 1]).update(LINEARIZATION)
     for learner in (ConstraintSwitching([0, 0]), CPGRL(ConstrainedStep(), [0, 0])):

@@ -127,6 +127,6 @@ def test_sizes_and_deviations_that_make_no_sense_are_refused() -> None:
     with pytest.raises(ValueError, match="states should be an integer ≥ 1; found 0"):
         SoftmaxTable(0, 3)
     with pytest.raises(ValueError, match="actions should be an integer"):
-        LinearSoftmax(features, 4, 2.5)  # type: ignore[arg-type]
+        LinearSoftmax(features, 4, -2)
     with pytest.raises(ValueError, match="deviation should be a finite number > 0"):
         LinearGaussian(features, 4, 3, deviation=0.0)
