@@ -18,80 +18,40 @@ from typing import Any
 
 import numpy as np
 
-from ._projection import project_batch
+from ._projection import project_stacked
 
 
 def solve_cone(
     gradient: Any, jacobian: Any, bound: Any, equality: Any, tolerance: float, value_out: Any, multipliers_out: Any
 ) -> tuple[int, int, float]:
     """One problem with equalities and inequalities; see the package's head."""
-    return _solve_one(False, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out)
+    report = np.empty(3)
+    project_stacked(False, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report)
+    status, iterations, worst = report.tolist()
+    return int(status), int(iterations), worst
 
 
 def solve_tangent(
     gradient: Any, jacobian: Any, bound: Any, equality: Any, tolerance: float, value_out: Any, multipliers_out: Any
 ) -> tuple[int, int, float]:
     """One problem with equalities only; see the package's head."""
-    return _solve_one(True, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out)
+    report = np.empty(3)
+    project_stacked(True, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report)
+    status, iterations, worst = report.tolist()
+    return int(status), int(iterations), worst
 
 
-def solve_cone_batch(
-    gradient: Any,
-    jacobian: Any,
-    bound: Any,
-    equality: Any,
-    tolerance: float,
-    value_out: Any,
-    multipliers_out: Any,
-    status_out: Any,
-    iterations_out: Any,
-) -> None:
-    """B problems, each exactly as `solve_cone` solves it."""
-    worst = np.empty(len(gradient))
-    project_batch(
-        False,
-        gradient,
-        jacobian,
-        bound,
-        equality,
-        tolerance,
-        value_out,
-        multipliers_out,
-        status_out,
-        iterations_out,
-        worst,
-    )
+def solve_cone_batch(*arrays: Any) -> None:
+    """B problems, each exactly as `solve_cone` solves it; arguments as the package's head lists them."""
+    _solve_batch(False, *arrays)
 
 
-def solve_tangent_batch(
-    gradient: Any,
-    jacobian: Any,
-    bound: Any,
-    equality: Any,
-    tolerance: float,
-    value_out: Any,
-    multipliers_out: Any,
-    status_out: Any,
-    iterations_out: Any,
-) -> None:
-    """B problems, each exactly as `solve_tangent` solves it."""
-    worst = np.empty(len(gradient))
-    project_batch(
-        True,
-        gradient,
-        jacobian,
-        bound,
-        equality,
-        tolerance,
-        value_out,
-        multipliers_out,
-        status_out,
-        iterations_out,
-        worst,
-    )
+def solve_tangent_batch(*arrays: Any) -> None:
+    """B problems, each exactly as `solve_tangent` solves it; arguments as the package's head lists them."""
+    _solve_batch(True, *arrays)
 
 
-def _solve_one(
+def _solve_batch(
     tangent: bool,
     gradient: Any,
     jacobian: Any,
@@ -100,19 +60,25 @@ def _solve_one(
     tolerance: float,
     value_out: Any,
     multipliers_out: Any,
-) -> tuple[int, int, float]:
-    outcome, worst = np.empty((2, 1), np.int64), np.empty(1)
-    project_batch(
+    status_out: Any,
+    iterations_out: Any,
+) -> None:
+    count, m, n = jacobian.shape
+    report = np.empty((count, 3))
+    project_stacked(
         tangent,
-        gradient[None],
-        jacobian[None],
-        bound[None],
-        equality[None],
+        _flat(gradient),
+        jacobian.reshape(count * m, n, copy=False),
+        _flat(bound),
+        _flat(equality),
         tolerance,
-        value_out[None],
-        multipliers_out[None],
-        outcome[0],
-        outcome[1],
-        worst,
+        _flat(value_out),
+        _flat(multipliers_out),
+        _flat(report),
     )
-    return int(outcome[0, 0]), int(outcome[1, 0]), float(worst[0])
+    status_out[:], iterations_out[:] = report[:, 0], report[:, 1]
+
+
+def _flat(array: Any) -> Any:
+    """The same numbers in one row; raises rather than copy, which would lose what is written."""
+    return array.reshape(-1, copy=False)

@@ -110,14 +110,12 @@ def append(space, small, index, p, size, length):
 
 
 @kernel
-def remove(space, small, index, position, size, sharp):
-    """Takes a row out of the active set; those behind it are orthogonalised from scratch. Returns the new size."""
+def remove(small, index, position, size):
+    """Takes a row out of the active set; Q and R are valid up to its position, the new rest is to be appended."""
     index[USED, index[ACTIVE, position]] = 0
     for k in range(position, size - 1):
-        p = index[ACTIVE, k + 1]
+        index[ACTIVE, k] = index[ACTIVE, k + 1]
         small[MULTIPLIER, k] = small[MULTIPLIER, k + 1]
-        project(space, small, index, k, STEP, ROWS + p, CHANGE, 0.0, sharp)
-        append(space, small, index, p, k, sqrt(dot(space, STEP, STEP)))
     return size - 1
 
 
@@ -143,21 +141,18 @@ def equality_basis(space, small, index):
         for k in range(rank + 1, count):
             if small[SPARE, k] > small[SPARE, best]:
                 best = k
-        if best != rank:
-            index[ACTIVE, rank], index[ACTIVE, best] = index[ACTIVE, best], index[ACTIVE, rank]
-            small[SPARE, rank], small[SPARE, best] = small[SPARE, best], small[SPARE, rank]
-            for j in range(space.shape[1]):
-                a, b = space[basis + rank, j], space[basis + best, j]
-                space[basis + rank, j], space[basis + best, j] = b, a
-        if small[SPARE, rank] < 0.5:
-            for k in range(rank):
-                add(space, basis + rank, -dot(space, basis + k, basis + rank), basis + k)
-        length = sqrt(dot(space, basis + rank, basis + rank))
-        if not length > RANK:
-            return rank
-        p = index[ACTIVE, rank]
+        p = index[ACTIVE, best]
+        index[ACTIVE, best] = index[ACTIVE, rank]
+        small[SPARE, best] = small[SPARE, rank]
         for j in range(space.shape[1]):
-            space[STEP, j] = space[basis + rank, j]
+            space[STEP, j] = space[basis + best, j]
+            space[basis + best, j] = space[basis + rank, j]
+        for k in range(rank):
+            add(space, STEP, -dot(space, basis + k, STEP), basis + k)
+        length = sqrt(dot(space, STEP, STEP))
+        if not length > RANK:
+            index[ACTIVE, rank] = p
+            return rank
         append(space, small, index, p, rank, length)
         for k in range(rank + 1, count):
             add(space, basis + k, -dot(space, basis + rank, basis + k), basis + rank)

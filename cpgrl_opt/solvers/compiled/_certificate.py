@@ -8,7 +8,6 @@ from ._workspace import (
     BY_ROW,
     EPS,
     EQUALITY,
-    INEQUALITY,
     KIND,
     REST,
     ROWS,
@@ -30,15 +29,14 @@ def scaled_residuals(space, small, index):
     for i in range(small.shape[1]):
         mu = small[BY_ROW, i]
         # "not ≤" lets NaN through, ">" would lose it
-        if index[KIND, i] == INEQUALITY:
-            slack = dot(space, ROWS + i, VALUE) - small[BOUND, i]
+        slack = dot(space, ROWS + i, VALUE) - small[BOUND, i]
+        if index[KIND, i] == EQUALITY:
+            primal = primal if abs(slack) <= primal else abs(slack)
+        else:
             both = abs(mu if mu < slack else slack)
             primal = primal if -slack <= primal else -slack
             dual = dual if -mu <= dual else -mu
             complementarity = complementarity if both <= complementarity else both
-        elif index[KIND, i] == EQUALITY:
-            slack = abs(dot(space, ROWS + i, VALUE) - small[BOUND, i])
-            primal = primal if slack <= primal else slack
         if mu != 0.0:
             total += abs(mu)
             add(space, REST, -mu, ROWS + i)

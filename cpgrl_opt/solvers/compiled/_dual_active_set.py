@@ -61,18 +61,16 @@ def settle(space, small, index, size, sharp):
 
 @kernel
 def most_violated(space, small, index):
-    """The row outside the active set that d violates most, or −1; a violated equality goes first."""
-    size = sqrt(dot(space, VALUE, VALUE))
-    scale = size if size > 1.0 else 1.0
+    """The row outside the active set that d violates most, or −1. A row that is off has bound −inf, or is 0 ≥ 0."""
+    scale = sqrt(dot(space, VALUE, VALUE))
+    scale = scale if scale > 1.0 else 1.0
     best, largest = -1, 0.0
     for i in range(small.shape[1]):
-        if index[KIND, i] != INEQUALITY and index[KIND, i] != EQUALITY or index[USED, i] != 0:
-            continue
-        violation = small[BOUND, i] - dot(space, ROWS + i, VALUE)
-        if index[KIND, i] == EQUALITY:
-            violation = inf if abs(violation) > small[THRESHOLD, i] * scale else 0.0
-        if violation > largest and violation > small[THRESHOLD, i] * scale:
-            best, largest = i, violation
+        if index[USED, i] == 0:
+            violation = small[BOUND, i] - dot(space, ROWS + i, VALUE)
+            violation = abs(violation) if index[KIND, i] == EQUALITY else violation
+            if violation > largest and violation > small[THRESHOLD, i] * scale:
+                best, largest = i, violation
     return best
 
 
@@ -132,55 +130,61 @@ def dual_active_set(space, small, index, sharp, sharpness):
     m = small.shape[1]
     size = equality_basis(space, small, index)
     for i in range(m):
-        small[THRESHOLD, i] = sharpness if index[KIND, i] == INEQUALITY else CONCLUSIVE
-    worst = settle(space, small, index, size, sharp)
-    changes, p, gained, settled = 0, -1, 0.0, True
+        small[THRESHOLD, i] = CONCLUSIVE if index[KIND, i] == EQUALITY else sharpness
+    # built: rows in Q and R; stale: d and μ were stepped to, not solved for; p: the row that is coming in
+    built, stale, p, worst, gained, changes = size, True, -1, -1, 0.0, -1
     while changes < 20 + 10 * m:
-        if p < 0:
-            p = most_violated(space, small, index)
-            gained = 0.0
-        if p < 0:
-            if not settled:
-                worst = settle(space, small, index, size, sharp)
-            if not sharp or (settled and worst < 0):
-                return SETTLED, size, changes
-            settled = True
-            if worst >= 0:
-                size = remove(space, small, index, worst, size, sharp)
-                settled = False
-            changes += 1
-            continue
-        changes += 1
-        settled = False
-        project(space, small, index, size, STEP, ROWS + p, CHANGE, 0.0, sharp)
-        length = sqrt(dot(space, STEP, STEP))
-        violation = small[BOUND, p] - dot(space, ROWS + p, VALUE)
-        k, step, weight = blocking(small, index, size)
-        dependent = size >= space.shape[1] or not length > RANK or index[KIND, p] == EQUALITY
-        if k < 0 and (dependent or length <= FARKAS_ROUNDING * weight) or index[KIND, p] == EQUALITY:
-            if farkas(space, small, index, p, size, 1.0 if violation > 0.0 else -1.0):
-                return CONFLICT, size, changes
-            if dependent:
-                small[THRESHOLD, p] = 2 * abs(violation)
-                p = -1
+        if built == size and p < 0:
+            if not (stale and (sharp or changes < 0)):
+                p = most_violated(space, small, index)
+                gained = 0.0
+            if p < 0:
+                resume = sharp or changes < 0
+                if stale:
+                    worst = settle(space, small, index, size, sharp)
+                    stale = False
+                    if resume:
+                        changes += changes < 0
+                        continue
+                if worst < 0 or not sharp:
+                    return SETTLED, size, changes
+                size = remove(small, index, worst, size)
+                built, stale = worst, True
+                changes += 1
                 continue
-        full = inf if dependent else (violation / length**2 if violation > 0.0 else 0.0)
-        taken = step if step < full else full
-        gained += taken
-        for j in range(size):
-            small[MULTIPLIER, j] += taken * small[CHANGE, j]
-            if small[MULTIPLIER, j] < 0.0 and index[KIND, index[ACTIVE, j]] == INEQUALITY:
-                small[MULTIPLIER, j] = 0.0
-        if not dependent:
-            add(space, VALUE, taken, STEP)
-        if step < full:
-            size = remove(space, small, index, k, size, sharp)
-            continue
-        append(space, small, index, p, size, length)
-        small[MULTIPLIER, size] = gained
-        size += 1
-        p = -1
-        if sharp:
-            settle(space, small, index, size, sharp)
-    settle(space, small, index, size, sharp)
+        row = p if built == size else index[ACTIVE, built]
+        project(space, small, index, built, STEP, ROWS + row, CHANGE, 0.0, sharp)
+        length = sqrt(dot(space, STEP, STEP))
+        if built == size:
+            changes += 1
+            stale = True
+            violation = small[BOUND, p] - dot(space, ROWS + p, VALUE)
+            k, step, weight = blocking(small, index, size)
+            exact = index[KIND, p] == EQUALITY  # one that depends on those in the basis
+            dependent = exact or size >= space.shape[1] or not length > RANK
+            if exact or (k < 0 and (dependent or length <= FARKAS_ROUNDING * weight)):
+                if farkas(space, small, index, p, size, 1.0 if violation > 0.0 else -1.0):
+                    return CONFLICT, size, changes
+                if dependent:
+                    small[THRESHOLD, p] = 2 * abs(violation)
+                    p = -1
+                    continue
+            full = inf if dependent else (violation / length**2 if violation > 0.0 else 0.0)
+            taken = step if step < full else full
+            gained += taken
+            for j in range(size):
+                small[MULTIPLIER, j] += taken * small[CHANGE, j]
+                if small[MULTIPLIER, j] < 0.0 and index[KIND, index[ACTIVE, j]] == INEQUALITY:
+                    small[MULTIPLIER, j] = 0.0
+            if not dependent:
+                add(space, VALUE, taken, STEP)
+            if step < full:
+                size = remove(small, index, k, size)
+                built = k
+                continue
+            small[MULTIPLIER, size] = gained
+            size += 1
+            p = -1
+        append(space, small, index, row, built, length)
+        built += 1
     return LIMIT, size, changes

@@ -8,9 +8,10 @@ Two projections, both by the dual active set method. With K = {y : Ĵᵀy = 0, y
 Source: the KKT conditions of min ½‖(b̂ − Ĵd)₊‖².
 """
 
-from math import sqrt
+from math import inf, sqrt
 
 from ._arithmetic import dot
+from ._scaling import normalise
 from ._workspace import (
     ACTIVE,
     BOUND,
@@ -30,18 +31,13 @@ FAR = -1e3  # rows with bounds below this stay out of y, which they would swamp,
 
 
 @kernel
-def include_violated(space, small, index, first):
-    """Includes rows of bounds that are not FAR (first) or that VALUE violates; returns how many, 0 if none is new."""
-    size = sqrt(dot(space, VALUE, VALUE))
-    scale = size if size > 1.0 else 1.0
+def include_rows(space, small, index):
+    """Includes rows whose bound is not FAR or that VALUE violates; returns how many are in, 0 if none is new."""
+    size = 1e-13 * sqrt(dot(space, VALUE, VALUE)) + 1e-13
     count, news = 0, 0
     for i in range(small.shape[1]):
-        on = index[KIND, i] == INEQUALITY or index[KIND, i] == EQUALITY
-        if first:
-            index[INCLUDED, i] = 0
-        if on and index[INCLUDED, i] == 0:
-            far = small[BOUND, i] <= FAR and index[KIND, i] == INEQUALITY
-            if first and not far or not first and small[BOUND, i] - dot(space, ROWS + i, VALUE) > 1e-13 * scale:
+        if index[INCLUDED, i] == 0 and (index[KIND, i] == INEQUALITY or index[KIND, i] == EQUALITY):
+            if small[BOUND, i] > FAR or small[BOUND, i] - dot(space, ROWS + i, VALUE) > size:
                 index[INCLUDED, i] = 1
                 news += 1
         count += index[INCLUDED, i]
@@ -49,53 +45,57 @@ def include_violated(space, small, index, first):
 
 
 @kernel
-def pose_residual(space, small, index, dual_space, dual_small, dual_index):
-    """Writes the problem of y: variables = included rows; n equalities Ĵᵀy = 0, then y ≥ 0. Returns max |b̂|."""
-    n, count = space.shape[1], dual_space.shape[1]
-    largest = 0.0
-    for i in range(small.shape[1]):
-        if index[INCLUDED, i] != 0 and abs(small[BOUND, i]) > largest:
-            largest = abs(small[BOUND, i])
+def pose_residual(space, small, index, y_space, y_small, y_index):
+    """Writes the problem of y/max |b̂|: n equalities Ĵᵀy = 0, then y ≥ 0, over the included rows; returns max |b̂|."""
+    n, count = space.shape[1], y_space.shape[1]
+    largest, k = 0.0, 0
     for i in range(n + count):
-        dual_small[BOUND, i] = 0.0
+        y_small[BOUND, i] = 0.0
         for k in range(count):
-            dual_space[ROWS + i, k] = 0.0
+            y_space[ROWS + i, k] = 0.0
     k = 0
     for i in range(small.shape[1]):
         if index[INCLUDED, i] != 0:
+            largest = abs(small[BOUND, i]) if abs(small[BOUND, i]) > largest else largest
+            y_space[TARGET, k] = small[BOUND, i]
+            y_space[ROWS + n + k, k] = 1.0
+            y_index[KIND, n + k] = INEQUALITY
+            if index[KIND, i] == EQUALITY:
+                y_small[BOUND, n + k] = -inf
             for j in range(n):
-                dual_space[ROWS + j, k] = space[ROWS + i, j]
-            dual_space[ROWS + n + k, k] = 1.0
-            dual_index[KIND, n + k] = INEQUALITY if index[KIND, i] == INEQUALITY else OFF
-            dual_space[TARGET, k] = small[BOUND, i] / largest
+                y_space[ROWS + j, k] = space[ROWS + i, j]
             k += 1
+    for k in range(count):
+        y_space[TARGET, k] /= largest
     for j in range(n):
-        length = sqrt(dot(dual_space, ROWS + j, ROWS + j))
-        dual_index[KIND, j] = EQUALITY if length > 0.0 else OFF
-        for i in range(count):
-            dual_space[ROWS + j, i] /= length if length > 0.0 else 1.0
+        y_index[KIND, j] = EQUALITY if normalise(y_space, ROWS + j) > 0.0 else OFF
     return largest
 
 
 @kernel
-def pose_nearest(space, small, index, dual_space, dual_index, size, largest, near_space, near_small, near_index):
-    """BY_ROW = y from the solved problem of y; writes the problem of d: bounds b̂ − y, equalities where y > 0."""
-    n = space.shape[1]
+def relax(small, index, y_space, y_index, size, largest):
+    """Bounds b̂ − y, equalities where y > 0; BY_ROW = y as solved for."""
+    n = y_index.shape[1] - y_space.shape[1]
     for k in range(size):
-        if dual_index[ACTIVE, k] >= n:  # y ≥ 0 is active: exactly 0
-            dual_space[VALUE, dual_index[ACTIVE, k] - n] = 0.0
-    for j in range(n):
-        near_space[TARGET, j] = space[TARGET, j]
+        if y_index[ACTIVE, k] >= n:  # y ≥ 0 is active: exactly 0
+            y_space[VALUE, y_index[ACTIVE, k] - n] = 0.0
     k = 0
     for i in range(small.shape[1]):
-        y = 0.0
+        small[BY_ROW, i] = 0.0
         if index[INCLUDED, i] != 0:
-            y = dual_space[VALUE, k] * largest
-            if index[KIND, i] == INEQUALITY and y < 0.0:
-                y = 0.0
+            y = y_space[VALUE, k] * largest
             k += 1
-        small[BY_ROW, i] = y
-        near_small[BOUND, i] = small[BOUND, i] - y
-        near_index[KIND, i] = EQUALITY if index[KIND, i] == INEQUALITY and y > 1e-13 else index[KIND, i]
-        for j in range(n):
-            near_space[ROWS + i, j] = space[ROWS + i, j]
+            if index[KIND, i] == EQUALITY or y > 1e-13:
+                index[KIND, i] = EQUALITY
+                small[BY_ROW, i] = y
+                small[BOUND, i] -= y
+
+
+@kernel
+def restore(small, index, problem, equality):
+    """Takes the relaxation back."""
+    m = small.shape[1]
+    for i in range(m):
+        small[BOUND, i] += small[BY_ROW, i]
+        if index[KIND, i] == EQUALITY and not equality[problem * m + i]:
+            index[KIND, i] = INEQUALITY

@@ -6,15 +6,17 @@ from numba import njit
 
 from ._certificate import scaled_residuals
 from ._dual_active_set import CONFLICT, LIMIT, dual_active_set
-from ._least_violation import include_violated, pose_nearest, pose_residual
+from ._least_violation import include_rows, pose_residual, relax, restore
 from ._scaling import scale_problem
 from ._workspace import (
     ACTIVE,
     BY_ROW,
     IMPOSSIBLE,
+    INCLUDED,
     KIND,
     LENGTH,
     MULTIPLIER,
+    REFINED,
     THRESHOLD,
     VALUE,
     allocate,
@@ -22,19 +24,18 @@ from ._workspace import (
 )
 
 OPTIMAL, INFEASIBLE, UNCERTIFIED, ITERATION_LIMIT, NUMERICAL_ERROR, UNSUPPORTED = range(6)
-# Attempts: in double precision; refined; refined with looser ideas of rounding. Then the two problems of least violation.
-SHARPNESS = (2e-15, 2e-15, 1e-14, 1e-13, 1e-14, 1e-14)
-RESIDUAL, NEAREST = 4, 5
+# Attempts: in double precision; refined; refined, with looser ideas of what rounding is.
+SHARPNESS = (2e-15, 2e-15, 1e-14, 1e-13)
+LOOSE = 1e-14  # for the problems of least violation, whose constraints hold by a hair
 EXACT = 1e-12  # worst residual that ends the attempts
 
 
 @kernel
-def write_answer(space, small, index, size, scale, best, value_out, multipliers_out):
-    """Judges d and μ as they round when returned; writes them if better than the best so far. The better worst."""
-    m = small.shape[1]
-    for j in range(value_out.shape[0]):
+def judge(space, small, index, size, scale):
+    """The worst residual of d and μ as they round when unscaled; leaves μ, by row, in THRESHOLD."""
+    for j in range(space.shape[1]):
         space[VALUE, j] = space[VALUE, j] * scale / scale
-    for i in range(m):
+    for i in range(small.shape[1]):
         small[BY_ROW, i] = 0.0
         small[THRESHOLD, i] = 0.0
     for k in range(size):
@@ -45,95 +46,91 @@ def write_answer(space, small, index, size, scale, best, value_out, multipliers_
     for residual in scaled_residuals(space, small, index):
         if not residual <= worst:
             worst = residual
-    if not worst < best:
-        return best
-    for j in range(value_out.shape[0]):
-        value_out[j] = space[VALUE, j] * scale
-    for i in range(m):
-        multipliers_out[i] = small[THRESHOLD, i]
     return worst
 
 
 @kernel
-def write_proof(small, index, status, multipliers_out):
-    """Writes the Farkas vector: of the conflict, or of a zero row that asks for something; returns the status."""
-    m = small.shape[1]
+def write(space, small, scale, problem, value_out, multipliers_out):
+    """The answer: VALUE, unscaled, and the multipliers in THRESHOLD."""
+    for j in range(space.shape[1]):
+        value_out[problem * space.shape[1] + j] = space[VALUE, j] * scale
+    for i in range(small.shape[1]):
+        multipliers_out[problem * small.shape[1] + i] = small[THRESHOLD, i]
+
+
+@kernel
+def prove(small, index, bound, problem, conflict):
+    """The Farkas vector into THRESHOLD: that of a zero row that asks for something, else that of the conflict.
+
+    Returns whether there is one.
+    """
+    m, impossible = small.shape[1], -1
     for i in range(m):
-        if status == INFEASIBLE:
-            y = small[THRESHOLD, i]
-            multipliers_out[i] = y / small[LENGTH, i] if y != 0.0 else 0.0
-    return status
+        index[INCLUDED, i] = 0
+        small[BY_ROW, i] = 0.0
+        if index[KIND, i] == IMPOSSIBLE:
+            impossible = i
+    for i in range(m):
+        if impossible >= 0:
+            small[THRESHOLD, i] = 0.0
+        elif conflict and small[THRESHOLD, i] != 0.0:
+            small[THRESHOLD, i] /= small[LENGTH, i]
+    if impossible >= 0:
+        small[THRESHOLD, impossible] = 1.0 if bound[problem * m + impossible] > 0.0 else -1.0
+    return conflict or impossible >= 0
 
 
 @njit(
-    "void(b1, Array(f8, 2, 'C', readonly=True), Array(f8, 3, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
-    "Array(b1, 2, 'C', readonly=True), f8, f8[:, ::1], f8[:, ::1], i8[::1], i8[::1], f8[::1])",
+    "void(b1, Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 1, 'C', readonly=True),"
+    "Array(b1, 1, 'C', readonly=True), f8, f8[::1], f8[::1], f8[::1])",
     cache=True,
     error_model="numpy",
+    no_cfunc_wrapper=True,
 )
-def project_batch(
-    tangent,
-    gradient,
-    jacobian,
-    bound,
-    equality,
-    tolerance,
-    value_out,
-    multipliers_out,
-    status_out,
-    iterations_out,
-    worst_out,
+def project_stacked(
+    tangent, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report_out
 ):
-    """B problems of one shape."""
-    count, m, n = jacobian.shape
+    """B problems of one shape, each array with theirs one after the other: (B·n,), (B·m, n), (B·m,), (B·m,).
+
+    report_out (3·B,): status, iterations, worst residual of each. tangent: no inequalities taken.
+    """
+    n = jacobian.shape[1]
+    count = gradient.shape[0] // n
+    m = jacobian.shape[0] // count if count > 0 else 0
     space, small, index = allocate(m, n)
-    goal = EXACT if EXACT < tolerance else tolerance
     for b in range(count):
-        value, multipliers = value_out[b], multipliers_out[b]
-        status, changes, worst, stage, end, largest = NUMERICAL_ERROR, 0, inf, 0, LIMIT, 0.0
-        scale = scale_problem(space, small, index, gradient[b], jacobian[b], bound[b], equality[b])
+        status, changes, worst, attempt, end = NUMERICAL_ERROR, 0, inf, 0, LIMIT
+        scale = scale_problem(space, small, index, b, gradient, jacobian, bound, equality)
         for j in range(n):
-            value[j] = 0.0
-        for i in range(m):
-            multipliers[i] = 0.0
-            if tangent and not equality[b, i] and bound[b, i] > -inf:
+            value_out[b * n + j] = 0.0
+        for i in range(b * m, b * m + m):
+            multipliers_out[i] = 0.0
+            if tangent and not equality[i] and bound[i] > -inf:
                 status, scale = UNSUPPORTED, inf
-        now_space, now_small, now_index = space, small, index
-        while scale < inf:
-            end, size, more = dual_active_set(now_space, now_small, now_index, stage > 0, SHARPNESS[stage])
+        while scale < inf and attempt < 4 and not (worst <= EXACT or worst <= tolerance) and end != CONFLICT:
+            end, size, more = dual_active_set(space, small, index, attempt > 0, SHARPNESS[attempt])
             changes += more
-            if stage < RESIDUAL and end != CONFLICT:
-                worst = write_answer(space, small, index, size, scale, worst, value, multipliers)
-                stage += 1
-                if worst <= goal or stage == RESIDUAL:
-                    break
-                continue
-            if stage == RESIDUAL:
-                dual_space, dual_index = now_space, now_index
-                now_space, now_small, now_index = allocate(m, n)
-                pose_nearest(
-                    space, small, index, dual_space, dual_index, size, largest, now_space, now_small, now_index
-                )
-                stage = NEAREST
-                continue
-            if stage < RESIDUAL:
-                status = write_proof(small, index, INFEASIBLE, multipliers)
-            else:
-                for j in range(n):
-                    space[VALUE, j] = now_space[VALUE, j]
-                    value[j] = space[VALUE, j] * scale
-            included = include_violated(space, small, index, stage < RESIDUAL)
-            if included == 0:
-                break
-            now_space, now_small, now_index = allocate(n + included, included)
-            largest = pose_residual(space, small, index, now_space, now_small, now_index)
-            stage = RESIDUAL
-        if scale < inf and status != INFEASIBLE and worst < inf:
+            attempt += 1
+            residual = judge(space, small, index, size, scale) if end != CONFLICT else inf
+            if residual < worst:
+                worst = residual
+                write(space, small, scale, b, value_out, multipliers_out)
+        if worst < inf:
             status = OPTIMAL if worst <= tolerance else (ITERATION_LIMIT if end == LIMIT else UNCERTIFIED)
-        for i in range(m):
-            if index[KIND, i] == IMPOSSIBLE and scale < inf:
-                for k in range(m):
-                    multipliers[k] = 0.0
-                multipliers[i] = 1.0 if bound[b, i] > 0.0 else -1.0
-                status = INFEASIBLE
-        status_out[b], iterations_out[b], worst_out[b] = status, changes, worst
+        if scale < inf and prove(small, index, bound, b, end == CONFLICT):
+            status, worst = INFEASIBLE, inf
+            write(space, small, scale, b, value_out, multipliers_out)
+        included = include_rows(space, small, index) if end == CONFLICT else 0
+        while included > 0:
+            y_space, y_small, y_index = allocate(n + included, included)
+            largest = pose_residual(space, small, index, y_space, y_small, y_index)
+            end, size, more = dual_active_set(y_space, y_small, y_index, REFINED, LOOSE)
+            relax(small, index, y_space, y_index, size, largest)
+            end, size, more = dual_active_set(space, small, index, REFINED, LOOSE)
+            for j in range(n):
+                value_out[b * n + j] = space[VALUE, j] * scale
+            included = include_rows(space, small, index)
+            restore(small, index, b, equality)
+        report_out[3 * b] = status
+        report_out[3 * b + 1] = changes
+        report_out[3 * b + 2] = worst

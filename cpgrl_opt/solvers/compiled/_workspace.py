@@ -21,6 +21,7 @@ BOUND, LENGTH, MULTIPLIER, CHANGE, FORWARD, THRESHOLD, SPARE, BY_ROW, TRIANGLE =
 KIND, ACTIVE, USED, INCLUDED = np.arange(4)
 
 OFF, INEQUALITY, EQUALITY, IMPOSSIBLE = np.arange(4)  # IMPOSSIBLE: a zero row that no d satisfies
+REFINED = np.bool_(True)
 
 EPS = 2.0**-52
 # Residual length below which a unit row counts as a combination of others. Copies and rotated copies leave

@@ -5,24 +5,27 @@ from math import inf
 from numba import njit
 
 from ._certificate import scaled_residuals
-from ._scaling import length_of, scale_problem
+from ._scaling import normalise, scale_problem
 from ._workspace import BOUND, BY_ROW, IMPOSSIBLE, KIND, LENGTH, TARGET, VALUE, allocate
 
 
 @njit(
-    "void(Array(f8, 2, 'C', readonly=True), Array(f8, 3, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
-    "Array(b1, 2, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
+    "void(Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 1, 'C', readonly=True),"
+    "Array(b1, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
     "f8[:, ::1])",
     cache=True,
     error_model="numpy",
 )
-def certify_batch(gradient, jacobian, bound, equality, value, multipliers, residuals_out):
+def certify_stacked(gradient, jacobian, bound, equality, value, multipliers, residuals_out):
     """residuals_out (B, 4) = stationarity, primal, dual, complementarity of (d, μ) for each problem as given."""
-    count, m, n = jacobian.shape
+    count, n = value.shape
+    m = multipliers.shape[1]
     space, small, index = allocate(m, n)
     for b in range(count):
-        scale = scale_problem(space, small, index, gradient[b], jacobian[b], bound[b], equality[b])
-        own = length_of(value[b])
+        scale = scale_problem(space, small, index, b, gradient, jacobian, bound, equality)
+        for j in range(n):
+            space[VALUE, j] = value[b, j]
+        own = normalise(space, VALUE)
         own = own if own > scale else scale
         for j in range(n):
             space[VALUE, j] = value[b, j] / own
