@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 if TYPE_CHECKING:
+    from .experiments.progress import TrainingProgress
     from .experiments.three_state_reproduction import Reproduction
 
 FAILED_CLAIM, WRONG_USE, INTERRUPTED = 1, 2, 130
@@ -101,11 +102,21 @@ def three_state(
                 done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
             except KeyboardInterrupt:
                 progress.stop()
-                typer.echo(f"Interrupted. {out / 'learning.csv'} holds {progress.recorded()}.", err=True)
+                typer.echo(f"Interrupted. {_kept(progress, out)}", err=True)
                 raise typer.Exit(INTERRUPTED) from None
+            except Exception:
+                progress.stop()
+                if progress.done:
+                    typer.echo(_kept(progress, out), err=True)
+                raise
     _report(done, out)
     if strict and not all(claim.holds for claim in done.claims):
         raise typer.Exit(FAILED_CLAIM)
+
+
+def _kept(progress: "TrainingProgress", out: Path) -> str:
+    done = ", ".join(f"{label} to episode {episode}" for label, episode in progress.done.items()) or "no episode yet"
+    return f"{out / 'learning.csv'} holds {done}."
 
 
 def _report(done: "Reproduction", out: Path) -> None:

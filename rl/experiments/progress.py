@@ -21,23 +21,19 @@ class Report(Protocol):
 
 
 class TrainingProgress:
-    """Bars by label; remembers how far each came."""
+    """Bars by label; `done` remembers how far each came."""
 
     def __init__(self, bars: Progress, labels: Sequence[str], episodes: int) -> None:
         self._bars = bars
         self._tasks: dict[str, TaskID] = {
             label: bars.add_task(f"{label}, waiting or compiling", total=episodes) for label in labels
         }
-        self._done: dict[str, int] = {}
+        self.done: dict[str, int] = {}
 
     def listen(self, report: Report) -> None:
         """Moves the bar."""
-        self._done[report.label] = report.episode
+        self.done[report.label] = report.episode
         self._bars.update(self._tasks[report.label], completed=report.episode, description=report.label)
-
-    def recorded(self) -> str:
-        """How far each came, in words."""
-        return ", ".join(f"{label} to episode {episode}" for label, episode in self._done.items()) or "no episode"
 
     def stop(self) -> None:
         """Takes the bars away."""

@@ -120,6 +120,17 @@ def test_a_solver_that_is_not_installed_says_what_to_type(tmp_path, monkeypatch)
     assert "pip install 'cpgrl-opt[solvers]'" in result.stderr
 
 
+def test_a_crash_leaves_what_was_recorded_and_says_so(tmp_path, monkeypatch):
+    def crash(*_):
+        raise RuntimeError("out of luck")
+
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.three_state_claims", crash)
+    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
+    assert isinstance(result.exception, RuntimeError)
+    assert "learning.csv holds cpgrl to episode 20, conb to episode 20, sum to episode 20." in result.stderr
+    assert (tmp_path / "learning.csv").read_text(encoding="utf-8").count("\n") == 1 + 3 * 2 * 3
+
+
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
