@@ -185,7 +185,7 @@ def test_the_mean_of_many_episodes_is_the_exact_expectation_within_six_standard_
 @pytest.mark.parametrize("weights", ["paper", "usual"])
 def test_the_plain_path_has_the_exact_expectation_too(weights: str) -> None:
     mdp, settings = ThreeStateMDP(), GPOMDP(weights=weights, steps=8, trace_decay=0.8, average_rate=0.3)
-    policy, runs = SoftmaxTable(3, 3, np.random.default_rng(2).random(9)), 1000
+    policy, runs = SoftmaxTable(3, 3, np.random.default_rng(2).random(9)), 500
     plain = RolloutGPOMDP(settings, TabularEnv(mdp), policy, episode_streams(runs))
     estimate = plain.episode(np.tile(policy.parameters, (runs, 1)))
     value, gradient = expected_estimate(mdp, policy, settings)

@@ -30,10 +30,10 @@ def test_after_equally_many_episodes_the_contenders_agree_within_six_standard_er
         return ThreeStateMDP().average_rewards(SoftmaxTable(3, 3).probabilities(theta))
 
     reached = [
-        values(run(runs, 40))
+        values(run(runs, 25))
         for run, runs in [
-            (benchmark.academic, 4),
-            (benchmark.vectorised, 40),
+            (benchmark.academic, 3),
+            (benchmark.vectorised, 30),
             (benchmark.compiled("rosen"), 400),
             (benchmark.compiled("active-set"), 400),
         ]
