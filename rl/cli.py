@@ -106,7 +106,7 @@ def three_state(
                 raise typer.Exit(INTERRUPTED) from None
             except Exception:
                 progress.stop()
-                if progress.done:
+                if progress.recorded:
                     typer.echo(_kept(progress, out), err=True)
                 raise
     _report(done, out)
@@ -115,8 +115,8 @@ def three_state(
 
 
 def _kept(progress: "TrainingProgress", out: Path) -> str:
-    done = ", ".join(f"{label} to episode {episode}" for label, episode in progress.done.items()) or "no episode yet"
-    return f"{out / 'learning.csv'} holds {done}."
+    reached = [f"{label} to episode {episode}" for label, episode in progress.recorded.items()]
+    return f"{out / 'learning.csv'} holds {', '.join(reached) or 'no episode yet'}."
 
 
 def _report(done: "Reproduction", out: Path) -> None:

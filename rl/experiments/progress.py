@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 
 class Report(Protocol):
-    """What a training task reports: what it trains, and how far it is."""
+    """What a training task reports: what it trains, how far it is; `recorded = True` if the results hold it."""
 
     @property
     def label(self) -> str:
@@ -21,23 +21,24 @@ class Report(Protocol):
 
 
 class TrainingProgress:
-    """Bars by label; `done` remembers how far each came."""
+    """Bars by label; `recorded` remembers how far the results of each reach."""
 
     def __init__(self, bars: Progress, labels: Sequence[str], episodes: int) -> None:
-        self._bars = bars
+        self.bars = bars
         self._tasks: dict[str, TaskID] = {
             label: bars.add_task(f"{label}, waiting or compiling", total=episodes) for label in labels
         }
-        self.done: dict[str, int] = {}
+        self.recorded: dict[str, int] = {}
 
     def listen(self, report: Report) -> None:
         """Moves the bar."""
-        self.done[report.label] = report.episode
-        self._bars.update(self._tasks[report.label], completed=report.episode, description=report.label)
+        if getattr(report, "recorded", False):
+            self.recorded[report.label] = report.episode
+        self.bars.update(self._tasks[report.label], completed=report.episode, description=report.label)
 
     def stop(self) -> None:
         """Takes the bars away."""
-        self._bars.stop()
+        self.bars.stop()
 
 
 @contextmanager

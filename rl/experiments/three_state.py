@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -90,6 +90,7 @@ class Snapshot:
     episode: int
     parameters: Float[np.ndarray, "R n"]
     estimated: Float[np.ndarray, "R channels"]
+    recorded: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
