@@ -20,7 +20,6 @@ written. CPU seconds; the best of three repetitions taken in turns, since neighb
 import argparse
 import csv
 import platform
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -99,7 +98,8 @@ def projected_step(rho: np.ndarray, delta: np.ndarray) -> np.ndarray:
     N = delta[1:][active].T
     inverse = np.linalg.pinv(N.T @ N)
     P, d = np.eye(9) - N @ inverse @ N.T, N @ inverse @ rho[1:][active]
-    return ALPHA * (P @ delta[0] - d)
+    change: np.ndarray = ALPHA * (P @ delta[0] - d)
+    return change
 
 
 def vectorised(runs: int, episodes: int) -> np.ndarray:
@@ -225,4 +225,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
