@@ -26,7 +26,7 @@ def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order:
     allowed = _require_same(
         solver, (problem, other), (first, second), "The order of the rows decides: is a row skipped, or never re-added?"
     )
-    rows = unit_rows(problem.jacobian)
+    rows = unit_rows(other.jacobian)
     smallest = np.linalg.svd(rows.jacobian, compute_uv=False).min(initial=1.0)
     if problem.m > problem.n or smallest <= RANK_TOLERANCE or (problem.bound == -np.inf).any():
         return
