@@ -27,8 +27,8 @@ from .reduction import ScaledProblem, reduce_problem, scale_problem
 VIOLATION_TOLERANCE = 1e-9
 # v = 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
 _FARKAS_TOLERANCE = 1e-6
-# Entries of v below this part of its largest are zeros that were rounded; tried in turn.
-_SUPPORT_CUTS = (1e-3, 1e-6, 1e-9)
+# Entries of v below this part of its largest are zeros that were rounded.
+_SUPPORT_CUT = 1e-6
 # Error of a computed null vector, times the least singular value that it is separated by.
 _NOISE = 1e-14
 
@@ -82,37 +82,32 @@ def _least_violation(scaled: ScaledProblem) -> tuple[ScaledProblem, Float[np.nda
 
 
 def _violation(scaled: ScaledProblem) -> Float[np.ndarray, "p"]:
-    """v of the module's head, supported exactly on the rows that prove it; 0 where rounding could have made it."""
-    null_space, _ = _left_null_space(scaled.rows)
+    """v of the module's head, supported exactly on the rows that prove it; 0 where that leaves no proof."""
+    null_space = _left_null_space(scaled.rows)
     if null_space.shape[1] == 0:
         return np.zeros(len(scaled.bound))
     v = _projected(null_space, scaled.bound, scaled.equality)
-    for cut in _SUPPORT_CUTS:
-        support = np.abs(v) > cut * float(np.abs(v).max())
-        # Once more on the support alone: then no entry of v is a rounded zero, and a v of 1e-9 still has Ĵᵀv = 0.
-        face, separation = _left_null_space(scaled.rows[support])
-        refined = np.zeros_like(v)
-        refined[support] = face @ (face.T @ scaled.bound[support])
-        size = float(np.sqrt(refined @ refined))
-        noise = _NOISE / separation * float(np.abs(scaled.bound[support]).max(initial=0.0))
-        if size > noise and (refined[~scaled.equality] >= 0.0).all():
-            return refined
-    return np.zeros_like(v)
+    support = np.abs(v) > _SUPPORT_CUT * float(np.abs(v).max())
+    # Once more on the support alone: then no entry of v is a rounded zero, and a v of 1e-9 still has Ĵᵀv = 0.
+    face = _left_null_space(scaled.rows[support])
+    refined = np.zeros_like(v)
+    refined[support] = face @ (face.T @ scaled.bound[support])
+    return refined if (refined[~scaled.equality] >= 0.0).all() else np.zeros_like(v)
 
 
-def _left_null_space(rows: Float[np.ndarray, "p n"]) -> tuple[Float[np.ndarray, "p f"], float]:
-    """Orthonormal N with rowsᵀN = 0, to RANK_TOLERANCE, and the least singular value that counts."""
+def _left_null_space(rows: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p f"]:
+    """Orthonormal N with rowsᵀN = 0, to RANK_TOLERANCE."""
     count, n = rows.shape
     if count == 0:
-        return np.zeros((0, 0)), 1.0
+        return np.zeros((0, 0))
     if n > 2 * count:  # the singular vectors on the left survive a rotation of the right
         rows = np.linalg.qr(rows.T)[1].T
     left, values, _ = np.linalg.svd(rows, full_matrices=True)
     rank = int((values > RANK_TOLERANCE).sum())
     null_space: np.ndarray = left[:, rank:]
-    # A row that takes part in no dependence has a rounded zero here, of either sign.
+    # A row that takes part in no dependence has a rounded zero here, of either sign: left there, it bars a proof.
     null_space[np.abs(null_space).max(axis=1, initial=0.0) < _NOISE / values[:rank].min(initial=1.0)] = 0.0
-    return null_space, float(values[:rank].min(initial=1.0))
+    return null_space
 
 
 def _projected(

@@ -20,6 +20,7 @@ from cpgrl_opt.solvers import (
     supports,
     tolerance_of,
 )
+from cpgrl_opt.solvers.through_qpsolvers import BACK_ENDS
 
 SOLVER = [pytest.param(solver, id=name) for name, solver in SOLVERS.items() if is_installed(solver)]
 
@@ -158,6 +159,15 @@ def test_a_back_end_stopped_early_says_so(solver: DirectionSolver) -> None:
     answer = solver.solve(HARD)
     assert answer.status == Status.ITERATION_LIMIT
     assert kkt_residuals(HARD, answer).worst > tolerance_of(solver)
+
+
+@pytest.mark.parametrize("name", [name for name in ("osqp", *BACK_ENDS, "cvxpy") if is_installed(SOLVERS[name])])
+def test_a_back_ends_own_multipliers_have_our_signs(name: str) -> None:
+    problem = DirectionProblem([1, 1, 1], [[0, 0, 1], [-1, 0, 0], [0, 1, 0]], [2, 0, 0], [True, False, False])
+    raw: DirectionSolver = dataclasses.replace(SOLVERS[name], polish=False)  # type: ignore[type-var]
+    answer = raw.solve(problem)
+    np.testing.assert_allclose(answer.value, [0, 1, 2], atol=1e-5)
+    np.testing.assert_allclose(answer.multipliers, [1, 1, 0], atol=1e-5)
 
 
 @pytest.mark.skipif(not is_installed(SOLVERS["highs"]), reason="HiGHS is not installed")

@@ -53,8 +53,12 @@ NASTY = [
     DirectionProblem([-5e-324, 5e-324], [[1.0, 1], [1, -1]], 0),
     DirectionProblem([1e-170, -1e-170], [[1e170, 0], [0, 1e-170]], 0),
     DirectionProblem(  # SCS gives up on this one aloud
-        [-0.33706664, -0.94148079, 0.0],
-        [[-1.0, 0, 0], [-0.58261104, -0.33340721, -0.74121792], [0.86667968, 0.2046447, 0.45495811]],
+        [0.13456099515095846, 0.8561291067700574, -0.5441199396342818],
+        [
+            [1.5424487907688098, 0.1701719145212017, -0.3607191624722186],
+            [0.7503927274275288, -0.06934030162812423, -1.766929602211422],
+            [-2.29284151508086, -0.10083161849780248, 2.1276487814560174],
+        ],
     ),
 ]
 
@@ -135,6 +139,7 @@ def test_a_cold_session_forgets_and_a_warm_one_agrees() -> None:
         alone, kept, remembered = OSQP().solve(problem), cold.solve(problem), warm.solve(problem)
         assert alone.status == kept.status == remembered.status == Status.OPTIMAL
         np.testing.assert_allclose(kept.value, alone.value, atol=1e-10)
+        assert kept.iterations == alone.iterations
         np.testing.assert_allclose(remembered.value, alone.value, atol=1e-10)
     turned = cone(2)
     warm.solve(turned)

@@ -191,6 +191,23 @@ def test_nearly_opposing_rows_are_feasible_however_far_the_answer(angle: float) 
     assert least_violation(problem) is None
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-3, 1e-7])
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_that_nearly_depend_do_not_blur_the_proof_of_rows_that_do(gap: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    Q, _ = np.linalg.qr(rng.normal(size=(6, 6)))
+    t = 1e-8
+    rows = np.array([[1, 0, 0, 0, 0, 0], [-np.cos(t), np.sin(t), 0, 0, 0, 0], [0, 0, 1, 2, 0, 0], [0, 0, -1, -2, 0, 0]])
+    problem = DirectionProblem(rng.normal(size=6), rows @ Q, [1, 1, gap, 0])
+    least = least_violation(problem)
+    if gap == 0.0:
+        assert least is None
+    else:
+        assert least is not None
+        assert farkas_residual(problem, least.proof) <= 1e-6
+        np.testing.assert_array_equal(least.proof[:2], 0.0)
+
+
 def test_bounds_that_differ_by_rounding_do_not_make_a_problem_infeasible() -> None:
     problem = DirectionProblem([1.0, 2], [[1, 0], [1, 0]], [1.0, 1.0 + 1e-13], True)
     assert least_violation(problem) is None
