@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from cpgrl_opt.arrays import Vector
 
 from .interface import parameter_vector, require_count
 
+_ONE = np.ones(1)
 _NARROWEST = 0.1  # of the spacing: narrower ones tell cells apart, nothing more, and overflow when compiled
 
 
@@ -87,14 +89,20 @@ class NormalizedGaussianNetwork:
 
         Gaussians of a grid are products over its axes, and so are the normalised ones: one vector for each axis.
         """
-        places = (np.asarray(observation, dtype=np.float64) - self.low) / self.spacing
-        product = np.ones(1)
-        for place, count in zip(places, self.counts, strict=True):
-            centres, nearest = np.arange(count), np.clip(np.rint(place), 0, count - 1)
+        product = _ONE
+        for x, (low, spacing, centres) in zip(np.asarray(observation, dtype=np.float64), self._axes, strict=True):
+            place = (x - low) / spacing
+            nearest = min(max(np.rint(place), 0.0), centres[-1])
             # ½(place − nearest)² − ½(place − centre)²: the nearest one has weight 1, however far from the grid
-            weights = np.exp((centres - nearest) * (place - (centres + nearest) / 2) / self.width**2)
-            product = np.outer(product, weights / weights.sum()).reshape(-1)
+            weights = np.exp((centres - nearest) * (place - 0.5 * (centres + nearest)) / self.width**2)
+            product = np.multiply.outer(product, weights / weights.sum()).reshape(-1)
         return product
+
+    @cached_property
+    def _axes(self) -> list[tuple[float, float, Vector]]:
+        """Lowest centre, spacing, and the centres' places 0, 1, … along each axis."""
+        places = [np.arange(count, dtype=np.float64) for count in self.counts]
+        return list(zip(self.low.tolist(), self.spacing.tolist(), places, strict=True))
 
     def mean(self, observation: ArrayLike) -> Vector:
         """Θᵀn(x), (d,)."""
