@@ -1,4 +1,4 @@
-"""The active rows' orthonormal basis: Ĵ_active = Rᵀ Q, Q (q, n) with orthonormal rows, R (q, q) upper triangular."""
+"""The active rows' orthonormal basis: J_active = Rᵀ Q, Q (q, n) with orthonormal rows, R (q, q) upper triangular."""
 
 from math import sqrt
 
@@ -47,11 +47,11 @@ def solve_lower(small, row, size):
 
 @kernel
 def project(space, small, index, size, x, t, u, weight, sharp):
-    """Solves x − t = Ĵᵀ_active u, Ĵ_active x = weight·b̂ for x, given t (rows of space), and u (row of small).
+    """Solves x − t = Jᵀ_active u, J_active x = weight·b for x, given t (rows of space), and u (row of small).
 
     Corrections by Q and R, from x = t, u = 0: two rounds where the rows are well apart. Otherwise, or if sharp,
     residuals in twice the precision until nothing changes; that contracts by eps·cond(R) a round, so that rows
-    1e-9 rad apart cost three or four, and x does not suffer from the cancellation in t + Ĵᵀu.
+    1e-9 rad apart cost three or four, and x does not suffer from the cancellation in t + Jᵀu.
     Source: Björck 1967; Higham, Accuracy and Stability of Numerical Algorithms, §20.5.
     """
     n, basis = space.shape[1], ROWS + small.shape[1]
@@ -134,7 +134,7 @@ def equality_basis(space, small, index):
             for j in range(space.shape[1]):
                 space[basis + count, j] = space[ROWS + i, j]
             index[ACTIVE, count] = i
-            small[SPARE, count] = 1.0
+            small[SPARE, count] = dot(space, ROWS + i, ROWS + i)
             count += 1
     for rank in range(count):
         best = rank

@@ -1,6 +1,6 @@
 """The referee's residuals, as `cpgrl_opt.kkt_residuals` defines them."""
 
-from math import sqrt
+from math import inf, sqrt
 
 from ._arithmetic import add, dot
 from ._workspace import (
@@ -9,6 +9,7 @@ from ._workspace import (
     EPS,
     EQUALITY,
     KIND,
+    LENGTH,
     REST,
     ROWS,
     TARGET,
@@ -27,9 +28,11 @@ def scaled_residuals(space, small, index):
     for j in range(space.shape[1]):
         space[REST, j] = space[VALUE, j] - space[TARGET, j]
     for i in range(small.shape[1]):
-        mu = small[BY_ROW, i]
+        if small[BOUND, i] == -inf:
+            continue
+        mu = small[BY_ROW, i] * small[LENGTH, i]
         # "not ≤" lets NaN through, ">" would lose it
-        slack = dot(space, ROWS + i, VALUE) - small[BOUND, i]
+        slack = (dot(space, ROWS + i, VALUE) - small[BOUND, i]) / small[LENGTH, i]
         if index[KIND, i] == EQUALITY:
             primal = primal if abs(slack) <= primal else abs(slack)
         else:
@@ -39,7 +42,7 @@ def scaled_residuals(space, small, index):
             complementarity = complementarity if both <= complementarity else both
         if mu != 0.0:
             total += abs(mu)
-            add(space, REST, -mu, ROWS + i)
+            add(space, REST, -small[BY_ROW, i], ROWS + i)
     allowance = 8 * EPS * total if 8 * EPS * total < 1e-5 * sigma else 1e-5 * sigma
     stationarity = sqrt(dot(space, REST, REST)) - allowance
     stationarity = 0.0 if stationarity <= 0.0 else stationarity

@@ -11,7 +11,7 @@ Source: the KKT conditions of min ½‖(b̂ − Ĵd)₊‖².
 from math import inf, sqrt
 
 from ._arithmetic import dot
-from ._scaling import normalise
+from ._scaling import halve
 from ._workspace import (
     ACTIVE,
     BOUND,
@@ -20,6 +20,7 @@ from ._workspace import (
     INCLUDED,
     INEQUALITY,
     KIND,
+    LENGTH,
     OFF,
     ROWS,
     TARGET,
@@ -56,25 +57,26 @@ def pose_residual(space, small, index, y_space, y_small, y_index):
     k = 0
     for i in range(small.shape[1]):
         if index[INCLUDED, i] != 0:
-            largest = abs(small[BOUND, i]) if abs(small[BOUND, i]) > largest else largest
-            y_space[TARGET, k] = small[BOUND, i]
+            length = small[LENGTH, i]
+            y_space[TARGET, k] = small[BOUND, i] / length
+            largest = abs(y_space[TARGET, k]) if abs(y_space[TARGET, k]) > largest else largest
             y_space[ROWS + n + k, k] = 1.0
             y_index[KIND, n + k] = INEQUALITY
             if index[KIND, i] == EQUALITY:
                 y_small[BOUND, n + k] = -inf
             for j in range(n):
-                y_space[ROWS + j, k] = space[ROWS + i, j]
+                y_space[ROWS + j, k] = space[ROWS + i, j] / length
             k += 1
     for k in range(count):
         y_space[TARGET, k] /= largest
     for j in range(n):
-        y_index[KIND, j] = EQUALITY if normalise(y_space, ROWS + j) > 0.0 else OFF
+        y_index[KIND, j] = EQUALITY if halve(y_space, ROWS + j)[1] > 0.0 else OFF
     return largest
 
 
 @kernel
 def relax(small, index, y_space, y_index, size, largest):
-    """Bounds b̂ − y, equalities where y > 0; BY_ROW = y as solved for."""
+    """Bounds b̂ − y, equalities where y > 0; BY_ROW = what was taken off."""
     n = y_index.shape[1] - y_space.shape[1]
     for k in range(size):
         if y_index[ACTIVE, k] >= n:  # y ≥ 0 is active: exactly 0
@@ -87,8 +89,8 @@ def relax(small, index, y_space, y_index, size, largest):
             k += 1
             if index[KIND, i] == EQUALITY or y > 1e-13:
                 index[KIND, i] = EQUALITY
-                small[BY_ROW, i] = y
-                small[BOUND, i] -= y
+                small[BY_ROW, i] = y * small[LENGTH, i]
+                small[BOUND, i] -= small[BY_ROW, i]
 
 
 @kernel

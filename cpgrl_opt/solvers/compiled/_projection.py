@@ -1,20 +1,20 @@
 """The exact projection onto {d : Jᵢd ≥ bᵢ on I, Jᵢd = bᵢ on E}, for B problems of one shape."""
 
-from math import inf
+from math import inf, ldexp
 
 from numba import njit
 
 from ._certificate import scaled_residuals
 from ._dual_active_set import CONFLICT, LIMIT, dual_active_set
 from ._least_violation import include_rows, pose_residual, relax, restore
-from ._scaling import scale_problem
+from ._scaling import UNUSABLE, scale_problem
 from ._workspace import (
     ACTIVE,
     BY_ROW,
+    EXPONENT,
     IMPOSSIBLE,
     INCLUDED,
     KIND,
-    LENGTH,
     MULTIPLIER,
     REFINED,
     THRESHOLD,
@@ -33,15 +33,16 @@ EXACT = 1e-12  # worst residual that ends the attempts
 @kernel
 def judge(space, small, index, size, scale):
     """The worst residual of d and μ as they round when unscaled; leaves μ, by row, in THRESHOLD."""
+    factor = ldexp(1.0, scale)
     for j in range(space.shape[1]):
-        space[VALUE, j] = space[VALUE, j] * scale / scale
+        space[VALUE, j] = space[VALUE, j] * factor / factor
     for i in range(small.shape[1]):
         small[BY_ROW, i] = 0.0
         small[THRESHOLD, i] = 0.0
     for k in range(size):
         i = index[ACTIVE, k]
-        small[THRESHOLD, i] = small[MULTIPLIER, k] * scale / small[LENGTH, i]
-        small[BY_ROW, i] = small[THRESHOLD, i] / scale * small[LENGTH, i]
+        small[THRESHOLD, i] = ldexp(small[MULTIPLIER, k], scale - index[EXPONENT, i])
+        small[BY_ROW, i] = ldexp(small[THRESHOLD, i], index[EXPONENT, i] - scale)
     worst = 0.0
     for residual in scaled_residuals(space, small, index):
         if not residual <= worst:
@@ -52,8 +53,9 @@ def judge(space, small, index, size, scale):
 @kernel
 def write(space, small, scale, problem, value_out, multipliers_out):
     """The answer: VALUE, unscaled, and the multipliers in THRESHOLD."""
+    factor = ldexp(1.0, scale)
     for j in range(space.shape[1]):
-        value_out[problem * space.shape[1] + j] = space[VALUE, j] * scale
+        value_out[problem * space.shape[1] + j] = space[VALUE, j] * factor
     for i in range(small.shape[1]):
         multipliers_out[problem * small.shape[1] + i] = small[THRESHOLD, i]
 
@@ -73,8 +75,8 @@ def prove(small, index, bound, problem, conflict):
     for i in range(m):
         if impossible >= 0:
             small[THRESHOLD, i] = 0.0
-        elif conflict and small[THRESHOLD, i] != 0.0:
-            small[THRESHOLD, i] /= small[LENGTH, i]
+        elif conflict:
+            small[THRESHOLD, i] = ldexp(small[THRESHOLD, i], -index[EXPONENT, i])
     if impossible >= 0:
         small[THRESHOLD, impossible] = 1.0 if bound[problem * m + impossible] > 0.0 else -1.0
     return conflict or impossible >= 0
@@ -106,8 +108,8 @@ def project_stacked(
         for i in range(b * m, b * m + m):
             multipliers_out[i] = 0.0
             if tangent and not equality[i] and bound[i] > -inf:
-                status, scale = UNSUPPORTED, inf
-        while scale < inf and attempt < 4 and not (worst <= EXACT or worst <= tolerance) and end != CONFLICT:
+                status, scale = UNSUPPORTED, UNUSABLE
+        while scale < UNUSABLE and attempt < 4 and not (worst <= EXACT or worst <= tolerance) and end != CONFLICT:
             end, size, more = dual_active_set(space, small, index, attempt > 0, SHARPNESS[attempt])
             changes += more
             attempt += 1
@@ -117,7 +119,7 @@ def project_stacked(
                 write(space, small, scale, b, value_out, multipliers_out)
         if worst < inf:
             status = OPTIMAL if worst <= tolerance else (ITERATION_LIMIT if end == LIMIT else UNCERTIFIED)
-        if scale < inf and prove(small, index, bound, b, end == CONFLICT):
+        if scale < UNUSABLE and prove(small, index, bound, b, end == CONFLICT):
             status, worst = INFEASIBLE, inf
             write(space, small, scale, b, value_out, multipliers_out)
         included = include_rows(space, small, index) if end == CONFLICT else 0
@@ -128,7 +130,7 @@ def project_stacked(
             relax(small, index, y_space, y_index, size, largest)
             end, size, more = dual_active_set(space, small, index, REFINED, LOOSE)
             for j in range(n):
-                value_out[b * n + j] = space[VALUE, j] * scale
+                value_out[b * n + j] = space[VALUE, j] * ldexp(1.0, scale)
             included = include_rows(space, small, index)
             restore(small, index, b, equality)
         report_out[3 * b] = status

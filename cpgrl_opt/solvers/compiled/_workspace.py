@@ -4,10 +4,10 @@ Three arrays carry everything, their rows named by the constants below: at (9, 3
 references of arrays and views rather than into sums, and compilation into arguments.
 
     space (4 + 2m, n)   vectors of the parameter space: VALUE d, TARGET ĝ, STEP, REST, then the m unit rows
-                        Ĵ from ROWS on, then the basis Q of the active rows
-    small (8 + m, m)    vectors over the constraints, then R from TRIANGLE on: Ĵ_active = Rᵀ Q
-    index (4, m)        KIND of each row; ACTIVE row at each position; whether a row is USED, that is active;
-                        whether it is INCLUDED in the search for the least violation
+                        from ROWS on, scaled to ½ to 1, then the basis Q of the active rows
+    small (8 + m, m)    vectors over the constraints, then R from TRIANGLE on: J_active = Rᵀ Q
+    index (5, m)        KIND of each row; ACTIVE row at each position; whether a row is USED, that is active;
+                        whether it is INCLUDED in the search for the least violation; EXPONENT of its scaling
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ from numba import njit
 # NumPy integers: numba compiles a helper anew for every plain integer constant that it is called with.
 VALUE, TARGET, STEP, REST, ROWS = np.arange(5)
 BOUND, LENGTH, MULTIPLIER, CHANGE, FORWARD, THRESHOLD, SPARE, BY_ROW, TRIANGLE = np.arange(9)
-KIND, ACTIVE, USED, INCLUDED = np.arange(4)
+KIND, ACTIVE, USED, INCLUDED, EXPONENT = np.arange(5)
 
 OFF, INEQUALITY, EQUALITY, IMPOSSIBLE = np.arange(4)  # IMPOSSIBLE: a zero row that no d satisfies
 REFINED = np.bool_(True)
@@ -37,4 +37,4 @@ def kernel(function: Any) -> Any:
 @kernel
 def allocate(m, n):
     """space, small and index for m rows in n coordinates."""
-    return np.empty((ROWS + 2 * m, n)), np.empty((TRIANGLE + m, m)), np.empty((4, m), np.int64)
+    return np.empty((ROWS + 2 * m, n)), np.empty((TRIANGLE + m, m)), np.empty((5, m), np.int64)

@@ -1,12 +1,12 @@
 """The referee's residuals for batches; compiled apart, since only tests and comparisons ask for it."""
 
-from math import inf
+from math import inf, ldexp
 
 from numba import njit
 
 from ._certificate import scaled_residuals
-from ._scaling import normalise, scale_problem
-from ._workspace import BOUND, BY_ROW, IMPOSSIBLE, KIND, LENGTH, TARGET, VALUE, allocate
+from ._scaling import halve, scale_problem
+from ._workspace import BOUND, BY_ROW, EXPONENT, IMPOSSIBLE, KIND, TARGET, VALUE, allocate
 
 
 @njit(
@@ -25,14 +25,14 @@ def certify_stacked(gradient, jacobian, bound, equality, value, multipliers, res
         scale = scale_problem(space, small, index, b, gradient, jacobian, bound, equality)
         for j in range(n):
             space[VALUE, j] = value[b, j]
-        own = normalise(space, VALUE)
-        own = own if own > scale else scale
+        own, length = halve(space, VALUE)
+        own = own if own > scale and length > 0.0 else scale
         for j in range(n):
-            space[VALUE, j] = value[b, j] / own
-            space[TARGET, j] *= scale / own
+            space[VALUE, j] = ldexp(value[b, j], -own)
+            space[TARGET, j] = ldexp(space[TARGET, j], scale - own)
         for i in range(m):
-            small[BOUND, i] *= scale / own
-            small[BY_ROW, i] = multipliers[b, i] * (small[LENGTH, i] / own)
+            small[BOUND, i] = ldexp(small[BOUND, i], scale - own)
+            small[BY_ROW, i] = ldexp(multipliers[b, i], index[EXPONENT, i] - own)
         residuals = scaled_residuals(space, small, index)
         for r in range(4):
             residuals_out[b, r] = residuals[r] if residuals[r] < inf else inf
