@@ -184,7 +184,7 @@ def test_the_papers_claims_hold_at_full_size(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("solver", "formulation", "episodes"),
-    [("active-set", "cone", 10_000), ("active-set", "restoring", 10_000), ("osqp", "restoring", 4000)],
+    [("active-set", "cone", 5000), ("active-set", "restoring", 5000), ("osqp", "restoring", 3000)],
 )
 def test_every_formulation_reaches_the_optimum(tmp_path, solver, formulation, episodes):
     settings = ThreeStateSettings(runs=3, episodes=episodes, solver=solver, formulation=formulation)
