@@ -19,7 +19,6 @@ The arm's episodes end by chance, so contenders differ in length of episode as w
 import argparse
 import csv
 import platform
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -166,4 +165,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
