@@ -9,8 +9,9 @@ With g = Δ¹, rows Δⁱ of J, t = −min(slack, 0) ≥ 0 and the active set �
 A step then moves θ by α₁ s + αₑ v, and by α₁ s for `restoring`.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,67 +19,76 @@ from jaxtyping import Bool, Float
 from .problem import ProblemBatch
 
 
+@cache
+def step_kernels() -> Any:
+    """The module of compiled helpers; imports numba."""
+    from . import step_kernels as compiled
+
+    return compiled
+
+
 @dataclass(frozen=True, eq=False)
 class ActiveConstraints:
-    """B linearized problems before a formulation: g (B, n), J (B, m, n), target t (B, m) ≥ 0, active (B, m)."""
+    """B linearized problems before a formulation: Δ¹ and the rows of J, the target t ≥ 0, and the active set."""
 
-    gradient: Float[np.ndarray, "B n"]
-    jacobian: Float[np.ndarray, "B m n"]
+    gradients: Float[np.ndarray, "B channels n"]
     target: Float[np.ndarray, "B m"]
     active: Bool[np.ndarray, "B m"]
 
+    @property
+    def jacobian(self) -> Float[np.ndarray, "B m n"]:
+        """J, of every constraint."""
+        return self.gradients[:, 1:]
+
     def rows(self, chosen: Bool[np.ndarray, "B"]) -> "ActiveConstraints":
         """The same for some of the runs."""
-        return ActiveConstraints(self.gradient[chosen], self.jacobian[chosen], self.target[chosen], self.active[chosen])
+        return ActiveConstraints(self.gradients[chosen], self.target[chosen], self.active[chosen])
 
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
-        runs, m, n = self.jacobian.shape
-        jacobian = np.zeros((runs, m, n + m))
-        jacobian[:, :, :n] = self.jacobian
-        jacobian[:, range(m), range(n, n + m)] = np.sqrt(ridge)
-        gradient = np.zeros((runs, n + m))
-        gradient[:, :n] = self.gradient
-        return ActiveConstraints(gradient, jacobian, self.target, self.active)
+        runs, channels, n = self.gradients.shape
+        m = channels - 1
+        gradients = np.zeros((runs, channels, n + m))
+        gradients[:, :, :n] = self.gradients
+        gradients[:, range(1, channels), range(n, n + m)] = np.sqrt(ridge)
+        return replace(self, gradients=gradients)
 
 
-# (constraints, αₑ/α₁) → B tangent problems, followed by B restoration problems where the formulation has any
-Formulation = Callable[[ActiveConstraints, float], ProblemBatch]
+@dataclass(frozen=True)
+class Formulation:
+    """Which problems a step solves: is the active set held with equality, and is the restoration inside the QP?"""
+
+    is_equality: bool
+    restores_inside: bool
+
+    def problems(self, constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:
+        """B tangent problems, followed by B restoration problems unless these are inside; rate_ratio is αₑ/α₁."""
+        runs, channels, n = constraints.gradients.shape
+        count, m = runs if self.restores_inside else 2 * runs, channels - 1
+        batch = ProblemBatch.trusted(
+            np.empty((count, n)), np.empty((count, m, n)), np.empty((count, m)), np.empty((count, m), np.bool_)
+        )
+        step_kernels().fill_problems(
+            constraints.gradients,
+            constraints.target,
+            constraints.active,
+            self.is_equality,
+            rate_ratio if self.restores_inside else 0.0,
+            batch.gradient,
+            batch.jacobian,
+            batch.bound,
+            batch.equality,
+        )
+        return batch
 
 
-def equality(constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:  # noqa: ARG001 - one signature
-    """Tangent and least-norm restoration with J s = 0, J v = t. Source: eq. 8–10."""
-    return _tangent_and_restoration(constraints, constraints.active)
+FORMULATIONS = {
+    "equality": Formulation(is_equality=True, restores_inside=False),
+    "cone": Formulation(is_equality=False, restores_inside=False),
+    "restoring": Formulation(is_equality=False, restores_inside=True),
+}
 
 
-def cone(constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:  # noqa: ARG001 - one signature
-    """Tangent and least-norm restoration with J s ≥ 0, J v ≥ t."""
-    return _tangent_and_restoration(constraints, np.zeros_like(constraints.active))
-
-
-def restoring(constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:
-    """One QP, J s ≥ (αₑ/α₁) t."""
-    bound = np.where(constraints.active, rate_ratio * constraints.target, -np.inf)
-    return ProblemBatch.trusted(constraints.gradient, constraints.jacobian, bound, np.zeros_like(constraints.active))
-
-
-FORMULATIONS: dict[str, Formulation] = {"equality": equality, "cone": cone, "restoring": restoring}
-
-
-def least_norm_restoration(constraints: ActiveConstraints) -> ProblemBatch:
+def least_norm_restorations(constraints: ActiveConstraints) -> ProblemBatch:
     """v = J⁺ t on the active rows: argmin ½‖v‖² s.t. J v = t. Source: eq. 10, v = −d."""
-    bound = np.where(constraints.active, constraints.target, -np.inf)
-    return ProblemBatch.trusted(np.zeros_like(constraints.gradient), constraints.jacobian, bound, constraints.active)
-
-
-def _tangent_and_restoration(constraints: ActiveConstraints, equality: Bool[np.ndarray, "B m"]) -> ProblemBatch:
-    runs, m, n = constraints.jacobian.shape
-    gradient = np.zeros((2 * runs, n))
-    gradient[:runs] = constraints.gradient
-    jacobian = np.empty((2, runs, m, n))
-    jacobian[:] = constraints.jacobian
-    bound = np.full((2, runs, m), -np.inf)
-    np.copyto(bound[0], 0.0, where=constraints.active)
-    np.copyto(bound[1], constraints.target, where=constraints.active)
-    both = np.concatenate((equality, equality))
-    return ProblemBatch.trusted(gradient, jacobian.reshape(2 * runs, m, n), bound.reshape(2 * runs, m), both)
+    return FORMULATIONS["equality"].problems(constraints, 0.0)[len(constraints.target) :]

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .arrays import ArrayLike
 from .direction import DirectionBatch, DirectionError, Status
-from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
+from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, solve_batch, solver_named
@@ -102,17 +102,18 @@ class ConstrainedStep:
         thresholds: (m,), Gⁱ. previous: the last result's `active`, for rules with memory. observe: sees every
         subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set.
         """
-        limits = finite_array("thresholds", thresholds, 1)
-        m, n = linearization.jacobian.shape[-2:]
-        require_shape("thresholds", limits, (m,))
+        limits = np.asarray(thresholds, dtype=np.float64)
+        channels, n = linearization.gradients.shape[-2:]
+        require_shape("thresholds", limits, (channels - 1,))
         slack = linearization.slack(limits)
+        if not np.isfinite(slack).all():  # the linearization is finite, so the thresholds are not
+            finite_array("thresholds", limits, 1)
         active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
         runs, count = slack.shape[:-1], math.prod(slack.shape[:-1])
         constraints = ActiveConstraints(
-            np.ascontiguousarray(linearization.objective_gradient).reshape(count, n),
-            np.ascontiguousarray(linearization.jacobian).reshape(count, m, n),
-            np.maximum(-slack, 0.0).reshape(count, m),
-            active.reshape(count, m),
+            np.ascontiguousarray(linearization.gradients).reshape(count, channels, n),
+            np.maximum(-slack, 0.0).reshape(count, channels - 1),
+            active.reshape(count, channels - 1),
         )
         run = _Run(self, observe, count)
         change, stationary = run.step(constraints)
@@ -130,35 +131,36 @@ class _Run:
 
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
         """The change of θ (B, n) and whether a run is stationary (B,)."""
-        settings, n = self.settings, constraints.gradient.shape[1]
+        settings, n = self.settings, constraints.gradients.shape[2]
         constraints = self.without_flat(constraints)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
         if settings.max_restoration < np.inf:
             constraints = self.capped(constraints)
-        tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.gradient)))
-        still = _vanishes(tangent, constraints.gradient)
+        tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
+        still = _vanishes(tangent, constraints)
         if settings.formulation == "equality":
             if settings.drop == "always" or (settings.drop == "stationary" and still.any()):
                 self.drop(constraints, tangent, restoration, multipliers)
-                still = _vanishes(tangent, constraints.gradient)
+                still = _vanishes(tangent, constraints)
             if still.any():
                 still &= (multipliers >= 0).all(axis=1)
-        change = settings.step_size * tangent + settings.restoration_rate * restoration
-        change[self.counts["skipped"] > 0] = 0.0
+        change = settings.step_size * tangent
+        if restoration is not None:
+            change += settings.restoration_rate * restoration
+        if self.counts["skipped"].any():
+            change[self.counts["skipped"] > 0] = 0.0
         return change[:, :n], still
 
     def without_flat(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """𝒜 without the constraints whose gradient is 0."""
-        flat = constraints.active & ~constraints.jacobian.any(axis=2)
-        if not flat.any():
-            return constraints
-        self.counts["flat"] += flat.sum(axis=1)
-        return replace(constraints, active=constraints.active & ~flat)
+        kept = np.empty_like(constraints.active)
+        step_kernels().leave_out_flat(constraints.gradients, constraints.active, kept, self.counts["flat"])
+        return replace(constraints, active=kept)
 
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
-        move = solve_batch(Rosen(), least_norm_restoration(constraints)).value
+        move = solve_batch(Rosen(), least_norm_restorations(constraints)).value
         length = self.settings.restoration_rate * lengths(move)
         too_long = length > self.settings.max_restoration
         self.counts["capped"] += too_long
@@ -167,16 +169,14 @@ class _Run:
 
     def solve(
         self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Tangent s, restoration v (0 if the formulation has none) and the tangent problem's μ."""
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+        """Tangent s, restoration v (None where it is inside) and the tangent problem's μ."""
         settings = self.settings
         ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
-        problems = FORMULATIONS[settings.formulation](constraints, ratio)
-        answers = self.certified(problems, runs)
+        answers = self.certified(FORMULATIONS[settings.formulation].problems(constraints, ratio), runs)
         count = len(runs)
-        tangent = answers.value[:count]
-        restoration = answers.value[count:] if len(answers) > count else np.zeros_like(tangent)
-        return tangent, restoration, answers.multipliers[:count]
+        restoration = answers.value[count:] if len(answers) > count else None
+        return answers.value[:count], restoration, answers.multipliers[:count]
 
     def certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
@@ -207,7 +207,7 @@ class _Run:
         self,
         constraints: ActiveConstraints,
         tangent: np.ndarray,
-        restoration: np.ndarray,
+        restoration: np.ndarray | None,
         multipliers: np.ndarray,
     ) -> None:
         """𝒜 ← 𝒜 without argmax λᵢ, until the rule is content; P and d are built anew, in place. Source: §2.3."""
@@ -215,14 +215,16 @@ class _Run:
         for _ in range(active.shape[1]):
             largest, positive = self.largest_multiplier(constraints.jacobian, multipliers, active)
             if self.settings.drop == "stationary":
-                positive = positive & _vanishes(tangent, constraints.gradient)
+                positive = positive & _vanishes(tangent, constraints)
             chosen = np.flatnonzero(positive)
             if not chosen.size:
                 return
             active[chosen, largest[chosen]] = False
             self.counts["dropped"][chosen] += 1
             fewer = replace(constraints, active=active).rows(positive)
-            tangent[chosen], restoration[chosen], multipliers[chosen] = self.solve(fewer, chosen)
+            tangent[chosen], again, multipliers[chosen] = self.solve(fewer, chosen)
+            if restoration is not None:
+                restoration[chosen] = again
 
     def largest_multiplier(
         self, jacobian: np.ndarray, multipliers: np.ndarray, active: np.ndarray
@@ -236,7 +238,8 @@ class _Run:
         return largest, values.max(axis=1, initial=-np.inf) > 0
 
 
-def _vanishes(tangent: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """‖PΔ¹‖ ≤ 1e-10 ‖Δ¹‖, in max-norms: they neither over- nor underflow."""
-    limit = _STATIONARY * np.abs(gradient).max(axis=1)
-    return np.asarray(np.abs(tangent).max(axis=1) <= limit)
+def _vanishes(tangent: np.ndarray, constraints: ActiveConstraints) -> np.ndarray:
+    """PΔ¹ = 0, up to rounding."""
+    vanishing = np.empty(len(tangent), np.bool_)
+    step_kernels().mark_vanishing(tangent, constraints.gradients, _STATIONARY, vanishing)
+    return vanishing

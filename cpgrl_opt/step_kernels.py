@@ -1,0 +1,64 @@
+"""Compiled filling of arrays around a step: twenty runs of nine parameters are too small for NumPy's calls.
+
+Importing this module imports numba. Arrays are C-contiguous; every output is passed in.
+"""
+
+from typing import Any
+
+from numba import njit
+
+_MATRIX, _CUBE, _MASK = "float64[:, ::1]", "float64[:, :, ::1]", "boolean[:, ::1]"
+
+
+def _kernel(*signature: str) -> Any:
+    return njit(f"void({', '.join(signature)})", cache=True, error_model="numpy")
+
+
+@_kernel(_CUBE, _MASK, _MASK, "int64[::1]")
+def leave_out_flat(gradients: Any, active: Any, kept: Any, flat: Any) -> None:
+    """Kept ← active without the constraints whose gradient is 0; flat ← how many these are, by run."""
+    runs, m = active.shape
+    for b in range(runs):
+        flat[b] = 0
+        for i in range(m):
+            kept[b, i] = False
+            if active[b, i]:
+                for x in gradients[b, 1 + i]:
+                    if x != 0.0:
+                        kept[b, i] = True
+                        break
+                flat[b] += not kept[b, i]
+
+
+@_kernel(_CUBE, _MATRIX, _MASK, "boolean", "float64", _MATRIX, _CUBE, _MATRIX, _MASK)
+def fill_problems(
+    gradients: Any, target: Any, active: Any, is_equality: bool, inside: float, g: Any, J: Any, b: Any, equality: Any
+) -> None:
+    """Tangent problems with bound inside·target; then, where outputs have room, restorations: gradient 0, bound target.
+
+    Rows that are not active are inequalities with bound −∞.
+    """
+    runs, m = active.shape
+    for k in range(len(g)):
+        run, is_tangent = k % runs, k < runs
+        for j in range(g.shape[1]):
+            g[k, j] = gradients[run, 0, j] if is_tangent else 0.0
+        for i in range(m):
+            for j in range(g.shape[1]):
+                J[k, i, j] = gradients[run, 1 + i, j]
+            b[k, i] = -float("inf")
+            equality[k, i] = is_equality and active[run, i]
+            if active[run, i]:
+                b[k, i] = inside * target[run, i] if is_tangent else target[run, i]
+
+
+@_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]")
+def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any) -> None:
+    """Whether max |s| ≤ relative · max |Δ¹|, by run; max-norms neither over- nor underflow."""
+    runs, n = tangent.shape
+    for b in range(runs):
+        largest, limit = 0.0, 0.0
+        for j in range(n):
+            largest = max(largest, abs(tangent[b, j]))
+            limit = max(limit, abs(gradients[b, 0, j]))
+        vanishing[b] = largest <= relative * limit
