@@ -72,8 +72,8 @@ def _shared_out(
 
 
 def _with_news(crew: "list[_Worker]") -> "list[_Worker]":
-    by_connection = {worker.connection: worker for worker in crew if worker.busy}
-    return [by_connection[ready] for ready in wait(list(by_connection)) if isinstance(ready, Connection)]
+    by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in crew if worker.busy}
+    return [by_connection[ready] for ready in wait(list(by_connection))]
 
 
 class _Worker:
