@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -12,8 +12,8 @@ import typer
 from typer.core import TyperGroup
 
 if TYPE_CHECKING:
+    from .experiments.claims import Claim
     from .experiments.progress import TrainingProgress
-    from .experiments.three_state_reproduction import Reproduction
 
 FAILED_CLAIM, WRONG_USE, INTERRUPTED = 1, 2, 130
 
@@ -90,28 +90,73 @@ def three_state(
     """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
     from .experiments.progress import training_progress
     from .experiments.three_state import METHODS, ThreeStateSettings
-    from .experiments.three_state_reproduction import reproduce_three_state
+    from .experiments.three_state_reproduction import FILES, remarks, reproduce_three_state
 
     with _clean_errors():
         settings = ThreeStateSettings(
             runs=runs, episodes=episodes, steps=steps, seed=seed,
             solver=solver, formulation=formulation, record_every=record_every,
         )  # fmt: skip
-        with training_progress(METHODS, episodes) as progress:
-            try:
-                done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
-            except KeyboardInterrupt:
-                progress.stop()
-                typer.echo(f"Interrupted. {_kept(progress, out)}", err=True)
-                raise typer.Exit(INTERRUPTED) from None
-            except Exception:
-                progress.stop()
-                if progress.recorded:
-                    typer.echo(_kept(progress, out), err=True)
-                raise
-    _report(done, out)
-    if strict and not all(claim.holds for claim in done.claims):
-        raise typer.Exit(FAILED_CLAIM)
+        with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out):
+            done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
+    _report(done.claims, remarks(done), FILES, out, strict=strict)
+
+
+@reproduce.command("arm")
+def arm(
+    runs: Annotated[int, typer.Option(help="Independent runs of each condition.")] = 20,
+    episodes: Annotated[int, typer.Option(help="Episodes of a run; an update follows each.")] = 10_000,
+    seed: Annotated[int, typer.Option(help="Seed of all random streams.")] = 0,
+    solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
+    formulation: Annotated[str, typer.Option(help="Of the subproblem: equality, cone, restoring.")] = "equality",
+    estimator: Annotated[str, typer.Option(help="Of the gradients: konda, gpomdp.")] = "konda",
+    conditions: Annotated[
+        str, typer.Option(help="a, b, c of the paper; c-episode, c-feasible, c-no-projection beside them.")
+    ] = "a,b,c,c-episode,c-feasible,c-no-projection",
+    record_every: Annotated[
+        int, typer.Option("--record-every", "--block", help="Episodes of a block, a row of a run in learning.csv.")
+    ] = 100,
+    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/arm"),
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
+    jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Train (b) and (c) under every formulation too: compare.csv, compare.md.")
+    ] = False,
+) -> None:
+    """The two-link arm with and without constraints: §4 of the paper, Fig. 6 and 7."""
+    from .experiments.progress import training_progress
+    from .experiments.two_link_arm import ArmSettings
+    from .experiments.two_link_arm_comparison import print_comparison
+    from .experiments.two_link_arm_reproduction import FILES, remarks, reproduce_two_link_arm
+
+    with _clean_errors():
+        settings = ArmSettings(
+            runs=runs, episodes=episodes, seed=seed, solver=solver, formulation=formulation, estimator=estimator,
+            conditions=[name.strip() for name in conditions.split(",")], record_every=record_every, compare=compare,
+        )  # fmt: skip
+        labels = [case.label for case in settings.cases()]
+        with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out):
+            done = reproduce_two_link_arm(settings, out, processes=_processes(jobs), listen=progress.listen)
+    if done.comparison:
+        print_comparison(done.comparison, done.results.arm)
+    written = [name for name in FILES if (out / name).exists()]
+    _report(done.claims, remarks(done), written, out, strict=strict)
+
+
+@contextmanager
+def _telling_what_is_kept(progress: "TrainingProgress", out: Path) -> Iterator[None]:
+    """Whatever ends a training early, what the disk holds is said."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        progress.stop()
+        typer.echo(f"Interrupted. {_kept(progress, out)}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    except Exception:
+        progress.stop()
+        if progress.recorded:
+            typer.echo(_kept(progress, out), err=True)
+        raise
 
 
 def _kept(progress: "TrainingProgress", out: Path) -> str:
@@ -119,16 +164,19 @@ def _kept(progress: "TrainingProgress", out: Path) -> str:
     return f"{out / 'learning.csv'} holds {', '.join(reached) or 'no episode yet'}."
 
 
-def _report(done: "Reproduction", out: Path) -> None:
+def _report(
+    claims: "Sequence[Claim]", remarks: Sequence[str], files: Sequence[str], out: Path, *, strict: bool
+) -> None:
     from rich.console import Console
 
     from .experiments.claims import print_claims
-    from .experiments.three_state_reproduction import FILES, remarks
 
-    print_claims(done.claims, Console())
-    for remark in remarks(done):
+    print_claims(claims, Console())
+    for remark in remarks:
         typer.echo(remark)
-    typer.echo(f"Wrote {', '.join(FILES)} into {out}")
+    typer.echo(f"Wrote {', '.join(files)} into {out}")
+    if strict and not all(claim.holds for claim in claims):
+        raise typer.Exit(FAILED_CLAIM)
 
 
 def _processes(jobs: int) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -104,15 +105,17 @@ def write_comparison(rows: Sequence[Sequence[str]], arm: TwoLinkArm, path: Path)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def print_comparison(rows: Sequence[Sequence[str]], arm: TwoLinkArm, console: Console) -> None:
-    """The table with cases as columns, which fits a terminal."""
-    table = Table("", title="Formulations compared", title_justify="left")
-    for condition, formulation, solver, *_ in rows:
-        table.add_column(f"({condition}) {formulation}\n{solver}", justify="right")
+def print_comparison(rows: Sequence[Sequence[str]], arm: TwoLinkArm) -> None:
+    """The means with cases as columns, which fits a terminal."""
+    table = Table("", box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    table.title, table.title_justify = "Formulations compared", "left"
+    for condition, formulation, *_ in rows:
+        table.add_column(f"({condition})\n{formulation}", justify="right", no_wrap=True)
     for title, *cells in list(zip(titles(arm), *rows, strict=True))[3:]:
-        table.add_row(title, *cells)
+        table.add_row(title, *(cell.split(" ± ")[0] for cell in cells))
+    console = Console()
     console.print(table)
-    console.print(_LEGEND)
+    console.print(_LEGEND.replace("Mean ± standard deviation over the runs.", "Means over the runs."))
 
 
 def _key(case: Case) -> str:

@@ -16,16 +16,20 @@ from .tidy_csv import TidyCsv
 from .two_link_arm import ArmSettings
 from .two_link_arm_comparison import ComparisonCsv
 from .two_link_arm_curves import TouchCurves
-from .two_link_arm_training import Block, Message, Outcome, train_share
+from .two_link_arm_training import Block, Message, Outcome, Share, train_share
 from .workers import run_tasks
+
+# By what an episode takes: without a square to reach, or with time to wait, episodes are long.
+_LONGEST_FIRST = ("b", "a", "c-episode", "c", "c-no-projection", "c-feasible")
 
 
 @dataclass(frozen=True)
 class Advance:
-    """How far a training is: episodes done, mean over its runs."""
+    """How far a training is, the run that is least far; recorded: whether `learning.csv` holds it to there."""
 
     label: str
     episode: int
+    recorded: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,7 @@ def train_two_link_arm(
     cases = settings.cases()
     for case in cases:
         require_installed(settings.step(case.solver).solver)
-    shares = [(settings, case, tuple(runs)) for case in cases for runs in split(range(settings.runs), processes)]
+    shares = shared_out(settings, processes)
     with Recorder(settings, directory) as recorder:
 
         def heard(message: Message) -> None:
@@ -63,13 +67,23 @@ def train_two_link_arm(
                 listen(advance)
 
         outcomes = run_tasks(train_share, shares, heard, processes=processes, meanwhile=meanwhile)
-    by_label = {label: list(parts) for label, parts in groupby(outcomes, lambda outcome: outcome.label)}
     return ArmResults(
         settings,
         recorder.arm,
         {case.label: recorder.curves(case.label) for case in cases},
-        {label: joined(parts) for label, parts in by_label.items()},
+        {case.label: joined([part for part in outcomes if part.label == case.label]) for case in cases},
     )
+
+
+def shared_out(settings: ArmSettings, processes: int) -> list[Share]:
+    """Cases and runs for so many processes: the longest first, so that at the end no process waits long for another.
+
+    A case is split only if there are fewer than two for each process: runs beside each other share what an update
+    costs besides them.
+    """
+    cases = sorted(settings.cases(), key=lambda case: _LONGEST_FIRST.index(case.condition))
+    parts = min(processes, -(-2 * processes // len(cases)))
+    return [(settings, case, tuple(runs)) for case in cases for runs in split(range(settings.runs), parts)]
 
 
 class Recorder:
@@ -82,19 +96,22 @@ class Recorder:
         self.csv = TidyCsv(directory / "learning.csv", columns, settings.conditions)
         self.comparison = ComparisonCsv(settings, self.arm, directory / "compare.csv") if settings.compare else None
         self.blocks: dict[str, list[Block]] = {case.label: [] for case in settings.cases()}
-        self.done = {label: np.zeros(settings.runs) for label in self.blocks}
+        self.done = {label: np.zeros(settings.runs, dtype=np.int64) for label in self.blocks}
 
     def hear(self, message: Message) -> Advance:
         """Writes what it tells; says how far its training is."""
+        recorded = isinstance(message, Block) and message.label in self.settings.conditions
         if isinstance(message, Block):
             self.blocks[message.label].append(message)
-            if message.label in self.settings.conditions:
+            if recorded:
                 self.csv.append(_rows(message))
         elif isinstance(message, Outcome) and self.comparison is not None:
             self.comparison.append(message, self.curves(message.label, message.runs))
         done = self.done[message.label]
         done[list(message.runs)] = message.episode
-        return Advance(message.label, int(done.mean()))
+        least = int(done.min())
+        # When a share catches up to the end of a block, the others have recorded theirs.
+        return Advance(message.label, least, recorded and least == message.episode)
 
     def curves(self, label: str, runs: Sequence[int] | None = None) -> TouchCurves:
         """What was recorded of a training, of all its runs or of a share."""
