@@ -58,31 +58,32 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     d, mu = np.asarray(direction.value, dtype=np.float64), np.asarray(direction.multipliers, dtype=np.float64)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
-    sigma = max(_norm(problem.gradient), _norm(d)) if np.isfinite(d).all() and np.isfinite(mu).all() else np.inf
-    if sigma == np.inf:
+    if not (np.isfinite(d).all() and np.isfinite(mu).all()):
         return KKTResiduals(np.inf, np.inf, np.inf, np.inf)
+    # The largest entry first: σ itself may overflow.
+    unit = max(_largest(np.abs(problem.gradient)), _largest(np.abs(d)))
     rows = unit_rows(problem.jacobian)
     bound = rows.per_length(problem.bound)
-    if sigma == 0.0:  # g = d = 0: nothing to be relative to
+    if unit == 0.0:  # g = d = 0: nothing to be relative to
         violated = np.where(problem.equality, bound != 0, bound > 0).any()
         return KKTResiduals(0.0, np.inf if violated else 0.0, 0.0, 0.0)
-    mu = rows.times_length(mu, sigma)
+    with np.errstate(over="ignore"):
+        bound, mu = bound / unit, rows.times_length(mu, unit)
     if not np.isfinite(mu).all():  # overflows in units of σ
         return KKTResiduals(np.inf, np.inf, np.inf, np.inf)
-    return _relative_residuals(problem, rows.jacobian, (bound, mu), d, sigma)
+    return _relative_residuals(problem, rows.jacobian, (bound, mu), (d / unit, problem.gradient / unit))
 
 
 def _relative_residuals(
     problem: DirectionProblem,
     jacobian: np.ndarray,
     bound_and_multipliers: tuple[Multipliers, Multipliers],
-    d: Vector,
-    sigma: float,
+    d_and_gradient: tuple[Vector, Vector],
 ) -> KKTResiduals:
-    bound, mu = bound_and_multipliers
-    d, g = d / sigma, problem.gradient / sigma
-    with np.errstate(over="ignore"):
-        slack = jacobian @ d - bound / sigma
+    sigma = max(_norm(each) for each in d_and_gradient)
+    d, g = (each / sigma for each in d_and_gradient)
+    bound, mu = (each / sigma for each in bound_and_multipliers)
+    slack = jacobian @ d - bound
     inequality = ~problem.equality
     allowance = min(8 * _EPS * float(np.abs(mu).sum()), 1e-5)
     return KKTResiduals(
