@@ -59,17 +59,20 @@ def b_touches_star_early(evidence: ArmEvidence) -> Claim:
 
 
 def b_avoids_star(evidence: ArmEvidence) -> Claim:
-    """(b): from SETTLED on at most 10 of 100, and at most 0.6 times as many as at first."""
-    first, since = _mean(evidence.curves["b"].early(), "star"), _mean(evidence.curves["b"].since(SETTLED), "star")
+    """(b): in the thousand episodes from SETTLED on, and at last, at most 10 of 100, and 0.6 times the early rate."""
+    learned = evidence.curves["b"]
+    first, last = _mean(learned.early(), "star"), _mean(learned.late(), "star")
+    after = _mean(learned.within(SETTLED, 2 * SETTLED), "star")
     return Claim(
         "b-avoids-star",
         "it learned to avoid the aversive star object after about 1 × 10³ episodes",
         "§4.2, Fig. 7 (b)",
-        {"star_first": first, "star_since": since, "since_episode": SETTLED, "at_most": 10, "times_first": 0.6},
-        f"{since:.1f} of 100 episodes end at the star from episode {SETTLED} on, {first:.1f} at first; "
-        "≤ 10 and ≤ 0.6 times the first asked",
-        since <= min(10, 0.6 * first),
-    )
+        {"star_early": first, "star_after": after, "star_late": last, "after_episode": SETTLED,
+         "at_most": 10, "times_early": 0.6},
+        f"{first:.1f} of 100 early episodes end at the star, {after:.1f} of those from {SETTLED} to {2 * SETTLED}, "
+        f"{last:.1f} of the late ones; ≤ 10 and ≤ 0.6 times the early ones asked",
+        max(after, last) <= min(10, 0.6 * first),
+    )  # fmt: skip
 
 
 def b_touches_triangle(evidence: ArmEvidence) -> Claim:

@@ -42,12 +42,11 @@ class TouchCurves:
         last = int(self.episodes[-1])
         return self.within(last - min(LATE, last // 10), last)
 
-    def since(self, episode: int) -> Self:
-        """Blocks after this episode; the last one of a shorter training."""
-        return self.within(episode, int(self.episodes[-1]))
-
     def within(self, first: int, last: int) -> Self:
-        """Blocks that lie in first + 1 … last; if none does, the one in which `last` falls, or the final one."""
+        """Blocks that lie in first + 1 … last; if none does, the one in which `last` falls, or the final one.
+
+        So a moment that a short training does not reach is its last one.
+        """
         chosen = (self.episodes - self.sizes >= first) & (self.episodes <= last)
         if not chosen.any():
             chosen[min(int(np.searchsorted(self.episodes, last)), len(chosen) - 1)] = True

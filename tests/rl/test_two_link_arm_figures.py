@@ -1,0 +1,151 @@
+"""Figures 6 and 7 and the animation show what they are given; learned paths are what the policies do."""
+
+import itertools
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from envs import TwoLinkArm
+from rl.experiments.figure_style import paper_style
+from rl.experiments.two_link_arm import arm_policy, learned_policy
+from rl.experiments.two_link_arm_animation import write_animation
+from rl.experiments.two_link_arm_curves import TouchCurves
+from rl.experiments.two_link_arm_figures import touches_figure, workspace_figure
+from rl.experiments.two_link_arm_paths import (
+    ArmPath,
+    arm_path,
+    starts_beside_aversive,
+    touched_from,
+    typical_path,
+    typical_run,
+)
+
+ARM = TwoLinkArm()
+STARTS = starts_beside_aversive(ARM)
+SQUARE = np.array([0.58, 1.56])
+
+
+def homing(gain=60.0):
+    """A policy whose mean velocity leads to the square from everywhere: towards angles that touch it."""
+    policy = arm_policy(ARM)
+    places = np.stack(np.meshgrid(*np.linspace(*ARM.stops, 200).T, indexing="ij"), axis=-1).reshape(-1, 2)
+    goal = places[np.hypot(*(ARM.forward_kinematics(places) - SQUARE).T).argmin()]
+    axes = [policy.low[k] + policy.spacing[k] * np.arange(policy.counts[k]) for k in range(2)]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    return learned_policy(ARM, (gain * (goal - centres)).reshape(-1))
+
+
+def curves(runs=4, blocks=8, seed=0):
+    rng = np.random.default_rng(seed)
+    sizes = np.full(blocks, 100)
+    touches = rng.multinomial(100, (0.1, 0.2, 0.3, 0.35, 0.05), size=(runs, blocks))
+    rates = rng.uniform(0, 1, (2, runs, blocks))
+    return TouchCurves(ARM, np.cumsum(sizes), sizes, touches, rates[0], 1 + rates[1])
+
+
+CURVES = {"a": curves(), "b": curves(seed=1), "c": curves(seed=2)}
+PATHS = {name: ArmPath(np.linspace(STARTS[k], STARTS[k + 1], 9), "star") for k, name in enumerate("abc")}
+
+
+def test_starts_lie_all_around_the_star_in_the_box_and_touch_nothing():
+    points = ARM.forward_kinematics(STARTS)
+    offsets = points - (-0.04, 1.11)
+    np.testing.assert_allclose(np.hypot(*offsets.T), 0.16, atol=0.03)
+    assert len(np.unique(np.round(np.arctan2(*offsets.T[::-1]) / (np.pi / 4)) % 8)) == 8
+    low, high = np.array(ARM.box).T
+    assert ((low <= STARTS) & (high >= STARTS)).all()
+    assert not ARM.touched(points).any()
+
+
+def test_a_path_begins_at_its_start_moves_as_the_arm_and_ends_at_what_it_touched():
+    path = arm_path(ARM, homing(), STARTS[0], np.random.default_rng(0))
+    np.testing.assert_array_equal(path.angles[0], STARTS[0])
+    assert (np.abs(np.diff(path.angles, axis=0)) <= ARM.dt * ARM.max_speed + 1e-12).all()
+    touched = ARM.touched(ARM.forward_kinematics(path.angles))
+    assert path.touched == "square"
+    assert touched[-1] == 3
+    assert not touched[:-1].any()
+
+
+def test_a_path_without_a_touch_takes_all_the_time():
+    arm = TwoLinkArm(max_steps=5)
+    path = arm_path(arm, arm_policy(arm), STARTS[3], np.random.default_rng(0))
+    assert (path.touched, len(path.angles)) == ("none", 6)
+
+
+def test_the_typical_path_ends_as_most_do():
+    assert typical_path(ARM, homing(), STARTS[4], np.random.default_rng(0)).touched == "square"
+    ends = touched_from(ARM, [homing()], STARTS, np.random.default_rng(1))
+    assert ends["square"] >= 70
+    assert sum(ends.values()) == pytest.approx(100)
+    assert list(ends) == [*ARM.events, "none"]
+
+
+def test_the_typical_run_is_the_one_nearest_to_the_mean():
+    learned = curves(runs=3)
+    learned.touches[:] = np.array([[100, 0, 0, 0, 0], [60, 0, 40, 0, 0], [30, 0, 70, 0, 0]])[:, None]
+    assert typical_run(learned) == 1
+
+
+def test_fig7_shows_means_bands_and_paths():
+    figure = touches_figure(CURVES, PATHS, ["a", "b", "c"])
+    above, below = figure.axes[:3], figure.axes[3:6]
+    for axes, lower, (name, learned) in zip(above, below, CURVES.items(), strict=True):
+        rates = learned.per_hundred()
+        lines = {line.get_label(): line for line in axes.get_lines()}
+        for k, label in enumerate(("circle", "star", "square", "triangle", "none (time-out)")):
+            shown = np.column_stack([learned.episodes, rates[:, :, k].mean(axis=0)])
+            np.testing.assert_allclose(lines[label].get_xydata(), shown)
+        band = axes.collections[2].get_paths()[0].vertices  # of the square
+        at = band[band[:, 0] == 300, 1]
+        assert at.max() - at.min() == pytest.approx(2 * rates[:, 2, 2].std(ddof=1))
+        way = ARM.forward_kinematics(PATHS[name].angles)
+        assert any(np.array_equal(line.get_xydata(), way) for line in lower.get_lines())
+        assert f"({name})" in axes.get_title(loc="left")
+        assert [text.get_text() for text in lower.texts] == ["star, 8 steps"]
+
+
+@pytest.mark.parametrize("conditions", [["c"], ["a", "c"]])
+def test_fig7_has_a_column_for_each_condition_that_was_trained(conditions):
+    figure = touches_figure(CURVES, PATHS, conditions)
+    assert len([axes for axes in figure.axes if axes.get_xlabel() == "episode"]) == len(conditions)
+    assert len(figure.axes) == 2 * len(conditions)
+
+
+def test_fig6_shows_mesh_objects_and_the_intrinsic_reward():
+    figure = workspace_figure(ARM)
+    left, right = figure.axes[:2]
+    drawn = [line.get_xydata() for line in left.get_lines()]
+    mesh = ARM.reachable_mesh(25)
+    assert any(np.array_equal(mesh[7], line) for line in drawn)
+    assert any(np.array_equal(mesh[:, 7], line) for line in drawn)
+    for thing in ARM.objects:
+        assert any(np.array_equal([thing.position], line) for line in drawn)
+    image = right.get_images()[0]
+    x0, x1, y0, y1 = image.get_extent()
+    values = image.get_array()
+    rows, columns = values.shape
+    for x, y in ((0.58, 1.56), (-0.04, 1.3), (1.0, 0.3)):
+        shown = values[round((y - y0) / (y1 - y0) * (rows - 1)), round((x - x0) / (x1 - x0) * (columns - 1))]
+        assert shown == pytest.approx(float(ARM.intrinsic_reward([x, y])), abs=0.02)
+
+
+def test_the_animation_plays_every_episode_in_real_time_and_repeats(tmp_path):
+    short, long = ArmPath(np.linspace(*STARTS[:2], 5), "none"), ArmPath(np.linspace(*STARTS[2:4], 300), "square")
+    path = tmp_path / "fig7.gif"
+    with paper_style():
+        write_animation(ARM, {"a": [short, short], "c": [short, long]}, path)
+    with Image.open(path) as movie:
+        assert movie.info["loop"] == 0
+        pictures, durations = [], []
+        for k in range(movie.n_frames):
+            movie.seek(k)
+            pictures.append(np.asarray(movie.convert("RGB")))
+            durations.append(movie.info["duration"])
+    assert len(pictures) == 5 + 45  # the long one in strides
+    assert durations[:4] == [50] * 4
+    assert durations[4] == durations[-1] > 1000
+    assert all((before != after).any() for before, after in itertools.pairwise(pictures[5:]))
+    half = pictures[0].shape[1] // 2
+    assert not (pictures[20][:, :half] != pictures[30][:, :half]).any()  # the shorter one waits at its end
