@@ -1,0 +1,233 @@
+"""The arm's experiment: every file it writes, its determinism, and the paper's picture at a small size."""
+
+import csv
+import json
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep
+from envs import TwoLinkArm
+from rl import CPGRL, GPOMDP, DivergenceError, KondaActorCritic, NormalizedGaussianNetwork, train
+from rl.experiments.two_link_arm import CONDITIONS, ArmSettings, Case
+from rl.experiments.two_link_arm_records import train_two_link_arm
+from rl.experiments.two_link_arm_reproduction import FILES, remarks, reproduce_two_link_arm
+from rl.experiments.two_link_arm_training import train_share
+
+COLUMNS = ["condition", "run", "episode", "circle", "star", "square", "triangle", "none", "violation", "length"]
+OBJECTS = COLUMNS[3:8]
+SMALL = ArmSettings(runs=4, episodes=650)
+TINY = ArmSettings(runs=3, episodes=25, record_every=10, conditions=["c-no-projection", "b"])
+COMPARISON = ("compare.csv", "compare.md")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("small")
+    return reproduce_two_link_arm(SMALL, directory), directory
+
+
+def rows(directory: Path, name: str = "learning.csv") -> list[dict[str, str]]:
+    with (directory / name).open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def trained(settings, directory: Path, **options) -> bytes:
+    train_two_link_arm(settings, directory, **options)
+    return (directory / "learning.csv").read_bytes()
+
+
+def test_every_file_is_written_and_nothing_else(small):
+    _, directory = small
+    assert {path.name for path in directory.iterdir()} == set(FILES) - set(COMPARISON)
+
+
+def test_learning_csv_is_tidy_sorted_and_complete(small):
+    _, directory = small
+    table = rows(directory)
+    assert list(table[0]) == COLUMNS
+    keys = [(row["condition"], int(row["run"]), int(row["episode"])) for row in table]
+    blocks = [100, 200, 300, 400, 500, 600, 650]
+    assert keys == [(name, run, k) for name in CONDITIONS for run in range(SMALL.runs) for k in blocks]
+
+
+def test_every_episode_of_a_block_ends_once_and_measures_are_in_range(small):
+    _, directory = small
+    for row in rows(directory):
+        assert sum(int(row[name]) for name in OBJECTS) == (50 if row["episode"] == "650" else 100)
+        assert 0 <= float(row["violation"]) <= 1
+        assert 1 <= float(row["length"]) <= 1000
+
+
+def test_the_papers_picture_shows_at_a_small_size(small):
+    done, _ = small
+    curves = done.results.curves
+    last = {
+        name: dict(zip(OBJECTS, learned.late().rates().mean(axis=0), strict=True)) for name, learned in curves.items()
+    }
+    first = dict(zip(OBJECTS, curves["b"].within(0, 100).rates().mean(axis=0), strict=True))
+    assert first["star"] > 12  # a quarter or so
+    assert last["b"]["star"] < 0.75 * first["star"]  # (b) learns to avoid it
+    for name in ("c", "c-episode", "c-feasible", "c-no-projection"):
+        assert last[name]["square"] > max(50, 1.3 * last["b"]["square"], 1.5 * last["a"]["square"])
+    assert all(rates["none"] < 15 for rates in last.values())
+    assert curves["a"].late().outside().mean() > 5 * curves["b"].late().outside().mean()  # G² = 0 is kept
+
+
+def test_claims_json_holds_the_claims_that_were_judged(small):
+    done, directory = small
+    written = json.loads((directory / "claims.json").read_text(encoding="utf-8"))
+    assert [claim["id"] for claim in written] == [claim.id for claim in done.claims]
+    assert len(written) == 13
+    holds = {claim["id"]: claim["holds"] for claim in written}
+    assert holds["c-threshold-out-of-reach"]
+    assert holds["b-touches-star-early"]
+    assert holds["a-learns-touching"]
+
+
+def test_summary_json_names_speed_settings_safeguards_and_what_acted(small):
+    done, directory = small
+    summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    assert summary["steps_per_second"] > 0
+    assert summary["settings"]["runs"] == SMALL.runs
+    assert summary["settings"]["estimator"] == "konda"
+    assert (summary["safeguards"]["ridge"], summary["safeguards"]["max_restoration"]) == (1e-4, 0.1)
+    assert summary["safeguards"]["drop"] == "never"
+    assert "ours" in summary["safeguards"]
+    assert summary["wall_time"]["total"] >= summary["wall_time"]["training"] > 0
+    for name, condition in CONDITIONS.items():
+        part = summary["conditions"][name]
+        assert part["environment_steps"] == done.results.outcomes[name].steps.sum() > SMALL.runs * SMALL.episodes
+        assert part["thresholds"] == (list(condition.thresholds) if condition.thresholds else None)
+        if condition.thresholds:
+            assert part["counts"]["fallback"] == part["counts"]["skipped"] == 0
+            assert part["counts"]["constrained"] > 0.9 * part["updates"]  # ρ² never exceeds 0
+    assert summary["conditions"]["c"]["counts"]["capped"] > 0.9 * summary["conditions"]["c"]["updates"]
+    assert summary["conditions"]["a"]["counts"] == {"constrained": 0}
+
+
+def test_the_safeguards_are_named_where_the_claims_are(small):
+    done, _ = small
+    told = " ".join(remarks(done))
+    assert "our additions: ridge = 0.0001, max_restoration = 0.1, drop = never" in told
+    assert "restorations shortened" in told
+    assert "M steps/s" in told
+
+
+@pytest.mark.parametrize("name", ["fig6", "fig7", "fig7-beside"])
+def test_figures_are_a_printed_page_wide_as_png_and_svg(small, name):
+    from matplotlib.image import imread
+
+    _, directory = small
+    assert imread(directory / f"{name}.png").shape[1] == 1380  # 6.9 inches at 200 dpi
+    assert ElementTree.parse(directory / f"{name}.svg").getroot().tag.endswith("svg")
+
+
+def test_blocks_count_the_episodes_of_training(tmp_path):
+    """Condition b against `train` itself, with everything set by hand."""
+    trained(ArmSettings(runs=3, episodes=25, record_every=10, conditions=["b"]), tmp_path)
+    arm = TwoLinkArm()
+    step = ConstrainedStep(solver="rosen", ridge=1e-4, max_restoration=0.1, drop="never")
+    policy = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
+    records = list(train(arm, policy, KondaActorCritic(), CPGRL(step, [0, 0]), episodes=25, runs=3))
+    written = [row for row in rows(tmp_path) if row["run"] == "2"]
+    assert [row["episode"] for row in written] == ["10", "20", "25"]
+    for row, block in zip(written, (records[:10], records[10:20], records[20:]), strict=True):
+        events = [int(record.estimate.events[2]) for record in block]
+        steps = sum(record.estimate.steps[2] for record in block)
+        assert [int(row[name]) for name in OBJECTS] == [events.count(k) for k in (1, 2, 3, 4, 0)]
+        assert float(row["length"]) == pytest.approx(steps / len(block))
+        outside = -sum(record.estimate.rewards[2, 1] for record in block)
+        assert float(row["violation"]) == pytest.approx(outside / steps)
+
+
+def test_the_same_seed_gives_the_same_bytes_for_any_number_of_processes(tmp_path):
+    once = trained(TINY, tmp_path)
+    assert trained(TINY, tmp_path, processes=2) == once  # which splits the runs too
+    other = ArmSettings(runs=3, episodes=25, record_every=10, conditions=TINY.conditions, seed=1)
+    assert trained(other, tmp_path) != once
+
+
+def test_a_run_does_not_depend_on_the_runs_beside_it(tmp_path):
+    def rows_of_run_1(runs: int) -> list[bytes]:
+        settings = ArmSettings(runs=runs, episodes=25, record_every=10, conditions=["c", "b"])
+        return [line for line in trained(settings, tmp_path).splitlines() if line.split(b",")[1] == b"1"]
+
+    assert rows_of_run_1(2) == rows_of_run_1(5)
+
+
+def test_without_constraints_training_is_that_of_constraints_never_active():
+    settings = ArmSettings(runs=2, episodes=30)
+    outcome = train_share((settings, Case("a", "a", "rosen", "equality"), (0, 1)), lambda _: None)
+    arm = TwoLinkArm()
+    learner = CPGRL(ConstrainedStep(), [-2, -2])
+    *_, last = train(
+        arm, NormalizedGaussianNetwork(*arm.stops, (5, 8), 2), KondaActorCritic(), learner, episodes=30, runs=2
+    )
+    np.testing.assert_allclose(outcome.parameters, last.parameters, rtol=1e-12)
+
+
+def test_the_printed_update_diverges_without_the_safeguards_and_says_so(tmp_path):
+    settings = ArmSettings(runs=2, episodes=300, ridge=0.0, max_restoration=np.inf, conditions=["c"])
+    with pytest.raises(DivergenceError, match=r"should (move by at most|be finite).*ridge or max_restoration"):
+        trained(settings, tmp_path)
+    assert (tmp_path / "learning.csv").read_text(encoding="utf-8").startswith("condition,run,episode")
+
+
+def test_estimator_and_average_are_those_of_settings_and_condition():
+    assert ArmSettings().gradient_estimator("c") == KondaActorCritic(average=("step", "step", "step"))
+    assert ArmSettings().gradient_estimator("c-episode") == KondaActorCritic(average=("step", "step", "episode"))
+    assert ArmSettings(estimator="gpomdp").gradient_estimator("c-episode") == GPOMDP(
+        steps=1000, average=("step", "step", "episode")
+    )
+
+
+@pytest.mark.parametrize(("solver", "formulation"), [("osqp", "restoring"), ("nnls", "cone"), ("rosen", "cone")])
+def test_every_condition_trains_with_another_solver_formulation_and_estimator(tmp_path, solver, formulation):
+    settings = ArmSettings(runs=1, episodes=4, solver=solver, formulation=formulation, estimator="gpomdp")
+    results = train_two_link_arm(settings, tmp_path)
+    assert list(results.outcomes) == list(CONDITIONS)
+    handed_over = sum(outcome.counts.get("fallback", np.zeros(1)).sum() for outcome in results.outcomes.values())
+    assert (handed_over > 0) == (solver == "rosen")  # which takes equalities alone
+
+
+def test_conditions_are_put_into_their_order_once():
+    assert ArmSettings(conditions=["c", "a", "c"]).conditions == ("a", "c")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"conditions": ["a", "d"]}, r"conditions should be some of a, b, c, .*found 'd'"),
+        ({"conditions": []}, "conditions should be some of"),
+        ({"conditions": "a"}, "conditions should be some of"),
+        ({"estimator": "td"}, "estimator should be one of konda, gpomdp; found 'td'"),
+        ({"runs": 0}, "runs should be"),
+        ({"solver": "rosn"}, "rosen"),
+        ({"formulation": "con"}, "cone"),
+        ({"ridge": -1.0}, "ridge should be"),
+    ],
+)
+def test_wrong_settings_are_told_the_right_ones(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        ArmSettings(**wrong)
+
+
+def test_a_directory_of_an_earlier_run_keeps_only_what_is_not_ours(tmp_path):
+    for name in ("compare.md", "fig7-beside.png", "notes.txt"):
+        (tmp_path / name).write_text("old", encoding="utf-8")
+    reproduce_two_link_arm(ArmSettings(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == set(FILES) - set(COMPARISON) - {"fig7-beside.png", "fig7-beside.svg"} | {"notes.txt"}
+
+
+@pytest.mark.slow
+def test_claims_hold_at_full_size(tmp_path):
+    done = reproduce_two_link_arm(ArmSettings(), tmp_path, processes=2)
+    assert [claim.id for claim in done.claims if not claim.holds] == []
+    late = {name: learned.late().rates().mean(axis=0) for name, learned in done.results.curves.items()}
+    np.testing.assert_allclose(late["b"], (5, 3, 4, 88, 0), atol=10)  # reproduction.md §3, 10 seeds
+    np.testing.assert_allclose(late["c"], (1, 1, 96, 2, 0), atol=6)
+    np.testing.assert_allclose(late["a"], (17, 74, 4, 5, 0), atol=12)
