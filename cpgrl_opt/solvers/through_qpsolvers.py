@@ -5,7 +5,7 @@ min ½xᵀx − cᵀx   s.t.   −A_I x ≤ −b_I,   A_E x = b_E
 
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -34,7 +34,7 @@ class BackEndFacts:
     guarantee: str
     is_sparse: bool
     default_iteration_limit: int
-    options: Any
+    options: Callable[[float, int, float], dict[str, Any]]
 
 
 def _quadprog(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:  # noqa: ARG001 - it has none
@@ -136,7 +136,7 @@ class QPSolversBackend:
     polish: bool = field(default=True, kw_only=True)
     iteration_limit: int | None = field(default=None, kw_only=True)
     time_limit: float = field(default=2.0, kw_only=True)
-    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}), kw_only=True, hash=False)
+    options: Mapping[str, Any] = field(default_factory=dict, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
         """A wrong name is refused here, not at the first problem."""

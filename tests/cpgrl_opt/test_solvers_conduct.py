@@ -1,6 +1,7 @@
 """What every solver must not do: print, remember, touch its input, treat a batch as more than a loop."""
 
 import dataclasses
+import pickle
 import subprocess
 import sys
 
@@ -180,6 +181,7 @@ def test_a_solver_is_a_frozen_dataclass_with_a_table_line(name: str) -> None:
         assert "\n" not in line
     assert solver == type(solver)(**{f.name: getattr(solver, f.name) for f in dataclasses.fields(solver)})
     assert isinstance(hash(solver), int)
+    assert pickle.loads(pickle.dumps(solver)) == solver  # other processes get it this way
 
 
 def test_a_wrong_name_is_answered_with_the_right_ones() -> None:
