@@ -3,12 +3,14 @@
 ε is the solver's `tolerance` (1e-6 where it states none); residuals are the referee's (`cpgrl_opt.kkt`).
 """
 
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 
 from ..kkt import kkt_residuals
 from ..problem import DirectionProblem, unit_rows
+from ..projection import RANK_TOLERANCE
 from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most
 from .sensitivity import distance_bound, hoffman_constant
@@ -97,7 +99,7 @@ def check_gradient_kept_when_feasible(solver: DirectionSolver, problem: Directio
 def check_zero_only_when_optimal(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """d = 0 implies −g ∈ {Σ μᵢĴᵢ : b̂ᵢ ≥ −ε‖g‖, μᵢ ≥ 0 on I}, within (1 + m)(ε + 16 m H eps)‖g‖, and b ≤ 0, = 0 on E.
 
-    The nearest such point is found by nonnegative least squares, whatever multipliers the solver reports.
+    The nearest such point is found anew, whatever multipliers the solver reports; at most 12 rows.
     Source: Moreau 1962: 0 is the projection of g onto a cone where g is in its polar.
     """
     answer = optimum_of(solver, problem)
@@ -134,17 +136,21 @@ def check_agreement_with_enumeration(solver: DirectionSolver, problem: Direction
 
 
 def _distance_from_polar(problem: DirectionProblem, epsilon: float) -> float:
-    """min ‖g + Ĵᵀμ‖ / ‖g‖ over μ ≥ 0 on I, μᵢ = 0 where b̂ᵢ < −ε‖g‖."""
-    from scipy.optimize import nnls
+    """min ‖g + Ĵᵀμ‖ / ‖g‖ over μ ≥ 0 on I, μᵢ = 0 where b̂ᵢ < −ε‖g‖: the best of all sets of rows.
 
+    By enumeration: scipy's nnls reports a residual of 0 for some rows that depend on others (scipy issue 25389).
+    """
     size = length(problem.gradient)
     if size == 0.0:
         return 0.0
     rows = unit_rows(problem.jacobian)
-    is_tight = rows.per_length(problem.bound) >= -epsilon * size
-    tight, equal = rows.jacobian[is_tight & ~problem.equality], rows.jacobian[problem.equality]
-    generators = np.vstack([tight, equal, -equal])
-    if len(generators) == 0:  # scipy 1.17 aborts the process on a matrix without columns
-        return 1.0
-    _, distance = nnls(generators.T, -problem.gradient / size)
-    return float(distance)
+    is_tight = (rows.per_length(problem.bound) >= -epsilon * size) & ~problem.equality
+    equal = rows.jacobian[problem.equality]
+    nearest = np.inf
+    for count in range(min(int(is_tight.sum()), problem.n) + 1):
+        for chosen in combinations(np.flatnonzero(is_tight), count):
+            generators = np.vstack([rows.jacobian[list(chosen)], equal])
+            weights = np.linalg.pinv(generators.T, rcond=RANK_TOLERANCE) @ (-problem.gradient / size)
+            if (weights[:count] >= 0).all():
+                nearest = min(nearest, length(problem.gradient / size + weights @ generators))
+    return nearest
