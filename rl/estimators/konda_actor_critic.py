@@ -33,6 +33,8 @@ class KondaActorCritic:
     at the time limit one more action is drawn to bootstrap from.
     α_w ‖ψ‖² well below 1 keeps w bounded: with a Gaussian policy, whose ψ grows as 1/σ, σ ~ 1 in the unit of u.
     As the critic settles, w tends to the fixed point of TD(β) and Δ to E[ψψᵀ]w, as β → 1 to the exact gradient.
+    That holds for small rates. At the paper's, α_r/(1 − β) = 2: ρ follows rewards as fast as z forgets, and on the
+    three-state MDP the mean of Δ points the same way (cosine > 0.99) but is half as long.
 
     trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: ≥ 0, the paper's is α_r.
     average: "step" or "episode", for all channels or for each, see `StoredAverage`; steps: an episode's time limit,

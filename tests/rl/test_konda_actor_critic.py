@@ -245,6 +245,17 @@ def test_critics_and_gradients_settle_at_the_fixed_point(case: str, decay: float
         assert name == "ρ" or 6 * error.max() < 0.35 * np.abs(limit).max(), "the test should be able to fail"
 
 
+def test_at_the_papers_rates_the_mean_gradient_points_the_same_way_and_is_half_as_long() -> None:
+    mdp = ThreeStateMDP()
+    table = table_of(mdp)
+    estimation = KondaActorCritic(steps=100).start(mdp, table, episode_streams(400))
+    gradients = [estimation.episode(np.tile(table.parameters, (400, 1))).gradients.mean(axis=0) for _ in range(90)]
+    mean, limit = np.mean(gradients[30:], axis=0), fixed_point(mdp, table, 0.99)[1]
+    lengths = np.linalg.norm(mean, axis=1), np.linalg.norm(limit, axis=1)
+    assert ((mean * limit).sum(axis=1) / (lengths[0] * lengths[1]) > 0.99).all()
+    assert (np.abs(lengths[0] / lengths[1] - 0.5) < 0.1).all()
+
+
 # --- averages ----------------------------------------------------------------------------------------------------
 
 
