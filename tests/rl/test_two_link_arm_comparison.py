@@ -1,0 +1,100 @@
+"""`--compare`: which trainings, what is tabulated of each run, and where it is written."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rl.experiments.two_link_arm import CONDITIONS, ArmSettings, Case
+from rl.experiments.two_link_arm_comparison import compared, headings, measured, print_comparison
+from rl.experiments.two_link_arm_records import train_two_link_arm
+from rl.experiments.two_link_arm_reproduction import FILES, reproduce_two_link_arm
+
+SETTINGS = ArmSettings(runs=2, episodes=60, conditions=["c"], compare=True, record_every=20)
+STEPS = [("equality", "rosen"), ("cone", "active-set"), ("restoring", "active-set")]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("compared")
+    return reproduce_two_link_arm(SETTINGS, directory), directory
+
+
+def rows(directory):
+    with (directory / "compare.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_b_and_c_are_trained_under_every_formulation_and_the_settings_own_step_once():
+    labels = [case.label for case in ArmSettings(compare=True).cases()]
+    assert labels == [*CONDITIONS, "b, cone", "b, restoring", "c, cone", "c, restoring"]
+    assert [(case.condition, case.formulation, case.solver) for case in SETTINGS.compared()] == [
+        (condition, *step) for condition in "bc" for step in STEPS
+    ]
+    other = ArmSettings(compare=True, conditions=["b"], solver="osqp", formulation="restoring").cases()
+    assert other[0] == Case("b", "b", "osqp", "restoring")
+    assert Case("b, restoring", "b", "active-set", "restoring") in other
+    assert len({case.label for case in other}) == len(other) == 7
+    assert not ArmSettings().compared()
+
+
+def test_compare_csv_has_a_row_for_each_training_and_run(finished):
+    done, directory = finished
+    table = rows(directory)
+    assert list(table[0]) == ["condition", "formulation", "solver", "run", "episode", *headings(done.results.arm)]
+    keys = [(row["condition"], row["formulation"], row["solver"], row["run"]) for row in table]
+    assert keys == [(condition, *step, run) for condition in "bc" for step in STEPS for run in "01"]
+    assert {row["episode"] for row in table} == {"60"}
+
+
+def test_learning_csv_holds_the_conditions_alone(finished):
+    _, directory = finished
+    text = (directory / "learning.csv").read_text(encoding="utf-8")
+    assert {line.split(",")[0] for line in text.splitlines()[1:]} == {"c"}
+    assert {path.name for path in directory.iterdir()} == set(FILES) - {"fig7-beside.png", "fig7-beside.svg"}
+
+
+def test_a_row_is_made_of_late_touches_violations_and_counts_per_update(finished):
+    done, directory = finished
+    curves, outcome = done.results.curves["c, cone"], done.results.outcomes["c, cone"]
+    row = next(
+        row for row in rows(directory) if (row["condition"], row["formulation"], row["run"]) == ("c", "cone", "1")
+    )
+    assert float(row["square"]) == pytest.approx(curves.late().rate("square")[1])
+    assert float(row["early_violation"]) == pytest.approx(curves.early().outside()[1])
+    assert float(row["violation"]) == pytest.approx(curves.late().outside()[1])
+    assert float(row["length"]) == pytest.approx(curves.length[1, -1])  # the last block is the last tenth
+    assert float(row["capped"]) == pytest.approx(outcome.counts["capped"][1] / 60)
+    assert float(row["constrained"]) == pytest.approx(outcome.counts["constrained"][1] / 60)
+    assert float(row["uncertified"]) == 0
+    failing = dict(outcome.counts) | {"fallback": np.array([0, 6]), "skipped": np.array([0, 3])}
+    again = measured(curves, replace(outcome, counts=failing))
+    np.testing.assert_allclose(again[:, headings(done.results.arm).index("uncertified")], [0, 9 / 60])
+
+
+def test_the_table_shows_mean_and_spread_of_each_training(finished, capsys):
+    done, directory = finished
+    results = done.results
+    table = compared(results.settings, results.curves, results.outcomes)
+    rates = results.curves["b, restoring"].late().rate("triangle")
+    cells = dict(zip(("circle", "star", "square", "triangle"), table[2][3:7], strict=True))
+    assert table[2][:3] == ["b", "restoring", "active-set"]
+    assert cells["triangle"] == f"{rates.mean():.1f} ± {rates.std(ddof=1):.1f}"
+    markdown = (directory / "compare.md").read_text(encoding="utf-8").splitlines()
+    assert sum(line.startswith(("| b |", "| c |")) for line in markdown) == 6
+    assert len({line.count("|") for line in markdown if line.startswith("|")}) == 1
+    print_comparison(table, results.arm)
+    assert "restoring" in capsys.readouterr().out
+
+
+def test_what_was_finished_before_an_interrupt_is_in_compare_csv(tmp_path):
+    def interrupt(advance):
+        if advance.label == "c, cone":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_two_link_arm(SETTINGS, tmp_path, listen=interrupt)
+    assert {(row["condition"], row["formulation"]) for row in rows(tmp_path)} >= {("b", "cone"), ("c", "equality")}
+    assert ("c", "cone") not in {(row["condition"], row["formulation"]) for row in rows(tmp_path)}
+    assert (tmp_path / "learning.csv").read_text(encoding="utf-8").count("\nc,") == 2 * 3
