@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,7 +32,7 @@ class StepResult:
     """The parameter change and what happened on the way; leading axes as in the linearization.
 
     change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ.
-    Counts (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
+    counts, by name (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
     skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened),
     flat (active constraints whose gradient is 0: to first order no direction changes them, so they are left out).
     """
@@ -40,14 +40,10 @@ class StepResult:
     change: Float[np.ndarray, "*runs n"]
     active: Bool[np.ndarray, "*runs m"]
     stationary: Bool[np.ndarray, "*runs"]
-    infeasible: Int[np.ndarray, "*runs"]
-    fallback: Int[np.ndarray, "*runs"]
-    skipped: Int[np.ndarray, "*runs"]
-    dropped: Int[np.ndarray, "*runs"]
-    capped: Int[np.ndarray, "*runs"]
-    flat: Int[np.ndarray, "*runs"]
+    counts: Mapping[str, Int[np.ndarray, "*runs"]]
 
-    COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "flat")
+
+_COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "flat")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,8 +113,10 @@ class ConstrainedStep:
         )
         run = _Run(self, observe, count)
         change, stationary = run.step(constraints)
+        if runs == (count,):
+            return StepResult(change, active, stationary, run.counts)
         counts = {name: counted.reshape(runs) for name, counted in run.counts.items()}
-        return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), **counts)
+        return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), counts)
 
 
 class _Run:
@@ -127,7 +125,7 @@ class _Run:
     def __init__(self, settings: ConstrainedStep, observe: Observer | None, runs: int) -> None:
         self.settings = settings
         self.observe = observe
-        self.counts = dict(zip(StepResult.COUNTS, np.zeros((len(StepResult.COUNTS), runs), np.int64), strict=True))
+        self.counts = dict(zip(_COUNTS, np.zeros((len(_COUNTS), runs), np.int64), strict=True))
 
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
         """The change of θ (B, n) and whether a run is stationary (B,)."""
@@ -139,12 +137,11 @@ class _Run:
             constraints = self.capped(constraints)
         tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
         still = _vanishes(tangent, constraints)
-        if settings.formulation == "equality":
-            if settings.drop == "always" or (settings.drop == "stationary" and still.any()):
+        if settings.formulation == "equality" and (settings.drop == "always" or still.any()):
+            if settings.drop != "never":
                 self.drop(constraints, tangent, restoration, multipliers)
                 still = _vanishes(tangent, constraints)
-            if still.any():
-                still &= (multipliers >= 0).all(axis=1)
+            still &= (multipliers >= 0).all(axis=1)
         change = settings.step_size * tangent
         if restoration is not None:
             change += settings.restoration_rate * restoration

@@ -34,5 +34,4 @@ class CPGRL:
     ) -> LearnerUpdate:
         """The step's change; the memory is its active set."""
         result = self.step(linearization, self.thresholds, memory, observe)
-        counts = {name: getattr(result, name) for name in result.COUNTS}
-        return LearnerUpdate(result.change, result.active, result.stationary, counts, result.active)
+        return LearnerUpdate(result.change, result.active, result.stationary, result.counts, result.active)

@@ -39,5 +39,4 @@ class GradientWithRestoration:
         """The change; counts are those of the step that restores."""
         result = self.restoration(linearization, self.thresholds, memory, observe)
         change = result.change + self.step.step_size * linearization.objective_gradient
-        counts = {name: getattr(result, name) for name in result.COUNTS}
-        return LearnerUpdate(change, result.active, np.asarray(~change.any(axis=1)), counts, result.active)
+        return LearnerUpdate(change, result.active, np.asarray(~change.any(axis=1)), result.counts, result.active)

@@ -69,7 +69,7 @@ def test_cpgrl_is_its_step_and_remembers_the_active_set(formulation: str) -> Non
         np.testing.assert_array_equal(update.change, result.change)
         np.testing.assert_array_equal(update.active, result.active)
         np.testing.assert_array_equal(update.stationary, result.stationary)
-        assert set(update.counts) == set(result.COUNTS)
+        assert update.counts.keys() == result.counts.keys()
     assert update.active[2, 1]  # slack 0.005, kept because it was active: the memory arrived
 
 
