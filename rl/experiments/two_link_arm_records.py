@@ -151,6 +151,7 @@ def joined(parts: Sequence[Outcome]) -> Outcome:
         first.episode,
         np.concatenate([part.steps for part in parts]),
         sum(part.seconds for part in parts),
+        sum(part.cpu_seconds for part in parts),
         sum(part.preparation for part in parts),
         np.concatenate([part.parameters for part in parts]),
         {name: np.concatenate([part.counts[name] for part in parts]) for name in first.counts},

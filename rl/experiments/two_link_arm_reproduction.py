@@ -94,7 +94,8 @@ def remarks(done: ArmReproduction) -> list[str]:
     results, settings = done.results, done.results.settings
     million_steps = sum(int(outcome.steps.sum()) for outcome in results.outcomes.values()) / 1e6
     lines = [
-        f"{million_steps:.1f} M environment steps; CPGRL trained at {speed(results) / 1e6:.2f} M steps/s a core. "
+        f"{million_steps:.1f} M environment steps; CPGRL trained at {speed(results) / 1e6:.2f} M steps/s a process, "
+        f"{speed(results, 'cpu_seconds') / 1e6:.2f} M per second of CPU time.",
         f"Wall time {done.seconds['total']:.1f} s: training {done.seconds['training']:.1f} s, "
         f"figures {done.seconds['figures']:.1f} s.",
         f"Safeguards, our additions: ridge = {settings.ridge:g}, max_restoration = {settings.max_restoration:g}, "
@@ -107,11 +108,11 @@ def remarks(done: ArmReproduction) -> list[str]:
     return lines + handing_over(settings.solver, settings.step().solver, settings.formulation)
 
 
-def speed(results: ArmResults) -> float:
-    """Environment steps per second of one core, over the conditions that CPGRL learned, or all if none is."""
+def speed(results: ArmResults, clock: str = "seconds") -> float:
+    """Environment steps per wall second of a process, or per "cpu_seconds", in training by CPGRL, or by all if none."""
     labels = [case.label for case in results.settings.cases() if _by_cpgrl(case.condition)] or list(results.outcomes)
     outcomes = [results.outcomes[label] for label in labels]
-    return float(sum(outcome.steps.sum() for outcome in outcomes)) / sum(outcome.seconds for outcome in outcomes)
+    return float(sum(each.steps.sum() for each in outcomes) / sum(getattr(each, clock) for each in outcomes))
 
 
 def summary(results: ArmResults, seconds: Mapping[str, float], processes: int) -> dict[str, Any]:
@@ -132,6 +133,7 @@ def summary(results: ArmResults, seconds: Mapping[str, float], processes: int) -
         "versions": versions(*sorted(package for package in packages if package)),
         "wall_time": {name: round(value, 3) for name, value in seconds.items()},
         "processes": processes,
+        "steps_per_cpu_second": round(speed(results, "cpu_seconds")),
         "steps_per_second_of_all_processes": round(steps / seconds["training"]),
         "conditions": {label: _condition(results, label) for label in results.outcomes},
     }
@@ -148,6 +150,7 @@ def _condition(results: ArmResults, label: str) -> dict[str, Any]:
         "formulation": case.formulation,
         "environment_steps": int(outcome.steps.sum()),
         "training_seconds": round(outcome.seconds, 3),
+        "training_cpu_seconds": round(outcome.cpu_seconds, 3),
         "steps_per_second": round(outcome.steps_per_second),
         "preparation_seconds": round(outcome.preparation, 3),
         "updates": results.settings.runs * results.settings.episodes,

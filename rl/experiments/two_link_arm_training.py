@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -44,9 +44,10 @@ class Tick:
 class Outcome:
     """Some runs of a training when it is done.
 
-    steps: (R,), of the environment; seconds: on the core that trained them; preparation: s, compiling or loading
-    before it; parameters: (R, n), the last θ; counts: by event, (R,), as the learner counts, and "constrained":
-    updates with an active constraint, in each of which the ridge acts.
+    steps: (R,), of the environment; seconds: of training, by the wall, and cpu_seconds, by the process' own clock,
+    which others on the machine do not stretch; preparation: s, compiling or loading before it; parameters: (R, n),
+    the last θ; counts: by event, (R,), as the learner counts, and "constrained": updates with an active constraint,
+    in each of which the ridge acts.
     """
 
     label: str
@@ -54,13 +55,14 @@ class Outcome:
     episode: int
     steps: Int[np.ndarray, "R"]
     seconds: float
+    cpu_seconds: float
     preparation: float
     parameters: Float[np.ndarray, "R n"]
     counts: Mapping[str, Int[np.ndarray, "R"]]
 
     @property
     def steps_per_second(self) -> float:
-        """Environment steps per second of one core."""
+        """Environment steps per wall second of one process."""
         return float(self.steps.sum()) / self.seconds
 
 
@@ -73,7 +75,8 @@ def train_share(share: Share, report: Callable[[Message], None]) -> Outcome:
     started = perf_counter()
     for _ in _records((replace(settings, episodes=1), case, runs[:1])):
         pass  # kernels are compiled, or loaded from the cache, so that the clock below sees training alone
-    begun = ticked = perf_counter()
+    begun, begun_cpu = perf_counter(), process_time()
+    ticked = begun
     block, steps = _Block(share, 0), np.zeros(len(runs), dtype=np.int64)
     counts: dict[str, np.ndarray] = {"constrained": np.zeros(len(runs), dtype=np.int64)}
     for record in _records(share):
@@ -88,7 +91,7 @@ def train_share(share: Share, report: Callable[[Message], None]) -> Outcome:
         elif perf_counter() - ticked > _TICK:
             ticked = perf_counter()
             report(Tick(case.label, runs, record.episode))
-    times = perf_counter() - begun, begun - started
+    times = perf_counter() - begun, process_time() - begun_cpu, begun - started
     outcome = Outcome(case.label, runs, settings.episodes, steps, *times, record.parameters, counts)
     report(outcome)
     return outcome

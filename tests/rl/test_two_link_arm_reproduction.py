@@ -90,7 +90,10 @@ def test_claims_json_holds_the_claims_that_were_judged(small):
 def test_summary_json_names_speed_settings_safeguards_and_what_acted(small):
     done, directory = small
     summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-    assert summary["steps_per_second"] > 0
+    by_cpgrl = [summary["conditions"][name] for name in ("b", "c", "c-episode", "c-feasible")]
+    for speed, clock in (("steps_per_second", "training_seconds"), ("steps_per_cpu_second", "training_cpu_seconds")):
+        rate = sum(part["environment_steps"] for part in by_cpgrl) / sum(part[clock] for part in by_cpgrl)
+        assert summary[speed] == pytest.approx(rate, rel=0.02)
     assert summary["settings"]["runs"] == SMALL.runs
     assert summary["settings"]["estimator"] == "konda"
     assert (summary["safeguards"]["ridge"], summary["safeguards"]["max_restoration"]) == (1e-4, 0.1)
