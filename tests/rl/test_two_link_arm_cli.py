@@ -23,7 +23,9 @@ def cpgrl_arm(*arguments):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     out = tmp_path_factory.mktemp("cli") / "new" / "results"
-    return cpgrl_arm(*TINY, "--conditions", "c, a", "--compare", "--out", out), out
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rl.experiments.two_link_arm_reproduction.draw", lambda *_: None)
+        return cpgrl_arm(*TINY, "--conditions", "c, a", "--compare", "--out", out), out
 
 
 def test_a_small_reproduction_prints_claims_comparison_speed_and_where_it_wrote(finished):
