@@ -5,8 +5,8 @@
 Signatures (C-contiguous float64, `equality` bool; inputs may be read-only; nothing is checked but that NaN and
 overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them):
 
-    solve_cone(gradient (n,), jacobian (m, n), bound (m,), equality (m,), tolerance, value_out (n,), multipliers_out (m,))
-        -> (status, iterations, worst residual)
+    solve_cone(gradient (n,), jacobian (m, n), bound (m,), equality (m,), tolerance, value_out (n,),
+        multipliers_out (m,)) -> (status, iterations, worst residual)
     solve_cone_batch(gradient (B, n), jacobian (B, m, n), bound (B, m), equality (B, m), tolerance, value_out (B, n),
         multipliers_out (B, m), status_out (B,) int64, iterations_out (B,) int64)
     solve_tangent, solve_tangent_batch: the same arguments; UNSUPPORTED if an inequality is on (bound > −inf)

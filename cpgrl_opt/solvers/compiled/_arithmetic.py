@@ -1,12 +1,12 @@
 """Sums of products over rows of a matrix: in four lanes for speed, in twice the precision for refinement."""
 
-from ._workspace import kernel
+from ._workspace import Floats, kernel
 
 _SPLIT = 2.0**27 + 1.0
 
 
 @kernel
-def dot(matrix, a, b):
+def dot(matrix: Floats, a: int, b: int) -> float:
     """Row a · row b, in four lanes; the same order every time, so bit for bit reproducible."""
     n = matrix.shape[1]
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
@@ -22,14 +22,14 @@ def dot(matrix, a, b):
 
 
 @kernel
-def add(matrix, a, c, b):
+def add(matrix: Floats, a: int, c: float, b: int) -> None:
     """Row a += c · row b."""
     for j in range(matrix.shape[1]):
         matrix[a, j] += c * matrix[b, j]
 
 
 @kernel
-def add_product(high, low, a, b):
+def add_product(high: float, low: float, a: float, b: float) -> tuple[float, float]:
     """high + low + a·b as an unevaluated sum. Source: Dekker 1971; Ogita, Rump & Oishi 2005, Dot2."""
     product = a * b
     t = _SPLIT * a

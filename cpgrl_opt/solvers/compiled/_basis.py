@@ -6,19 +6,19 @@ from ._arithmetic import add, add_product, dot
 from ._workspace import (
     ACTIVE,
     BOUND,
-    CHANGE,
     EPS,
     EQUALITY,
     FORWARD,
     KIND,
     MULTIPLIER,
-    RANK,
     REST,
     ROWS,
     SPARE,
     STEP,
     TRIANGLE,
     USED,
+    Floats,
+    Integers,
     kernel,
 )
 
@@ -26,7 +26,7 @@ NEARLY_DEPENDENT = 1e-2  # with a diagonal element of R below this, projections 
 
 
 @kernel
-def solve_upper(small, row, size):
+def solve_upper(small: Floats, row: int, size: int) -> None:
     """Row ← R⁻¹ row."""
     for i in range(size - 1, -1, -1):
         s = small[row, i]
@@ -36,7 +36,7 @@ def solve_upper(small, row, size):
 
 
 @kernel
-def solve_lower(small, row, size):
+def solve_lower(small: Floats, row: int, size: int) -> None:
     """Row ← R⁻ᵀ row."""
     for i in range(size):
         s = small[row, i]
@@ -46,7 +46,9 @@ def solve_lower(small, row, size):
 
 
 @kernel
-def project(space, small, index, size, x, t, u, weight, sharp):
+def project(
+    space: Floats, small: Floats, index: Integers, size: int, x: int, t: int, u: int, weight: float, sharp: bool
+) -> None:
     """Solves x − t = Jᵀ_active u, J_active x = weight·b for x, given t (rows of space), and u (row of small).
 
     Corrections by Q and R, from x = t, u = 0: two rounds where the rows are well apart. Otherwise, or if sharp,
@@ -97,7 +99,7 @@ def project(space, small, index, size, x, t, u, weight, sharp):
 
 
 @kernel
-def append(space, small, index, p, size, length):
+def append(space: Floats, small: Floats, index: Integers, p: int, size: int, length: float) -> None:
     """Row p joins at position size: Q grows by STEP, its part orthogonal to Q, of this length."""
     basis = ROWS + small.shape[1]
     for j in range(space.shape[1]):
@@ -110,7 +112,7 @@ def append(space, small, index, p, size, length):
 
 
 @kernel
-def remove(small, index, position, size):
+def remove(small: Floats, index: Integers, position: int, size: int) -> int:
     """Takes a row out of the active set; Q and R are valid up to its position, the new rest is to be appended."""
     index[USED, index[ACTIVE, position]] = 0
     for k in range(position, size - 1):
@@ -120,8 +122,8 @@ def remove(small, index, position, size):
 
 
 @kernel
-def equality_basis(space, small, index):
-    """Q and R of the equality rows, the farthest from the span so far first; returns their rank.
+def equality_basis(space: Floats, small: Floats, index: Integers, tolerance: float) -> int:
+    """Q and R of the equality rows, the farthest from the span so far first, down to a tolerance; returns their rank.
 
     ACTIVE lists the independent rows, then the dependent ones. In this order a row that is a combination of
     two nearly parallel ones is still seen to be one. Modified Gram–Schmidt, again where cancellation asks for
@@ -136,7 +138,7 @@ def equality_basis(space, small, index):
             index[ACTIVE, count] = i
             small[SPARE, count] = dot(space, ROWS + i, ROWS + i)
             count += 1
-    for rank in range(count):
+    for rank in range(count if count < space.shape[1] else space.shape[1]):
         best = rank
         for k in range(rank + 1, count):
             if small[SPARE, k] > small[SPARE, best]:
@@ -150,11 +152,11 @@ def equality_basis(space, small, index):
         for k in range(rank):
             add(space, STEP, -dot(space, basis + k, STEP), basis + k)
         length = sqrt(dot(space, STEP, STEP))
-        if not length > RANK:
+        if not length > tolerance:
             index[ACTIVE, rank] = p
             return rank
         append(space, small, index, p, rank, length)
         for k in range(rank + 1, count):
             add(space, basis + k, -dot(space, basis + rank, basis + k), basis + rank)
             small[SPARE, k] = dot(space, basis + k, basis + k)
-    return count
+    return count if count < space.shape[1] else space.shape[1]

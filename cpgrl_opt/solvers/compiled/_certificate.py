@@ -14,12 +14,14 @@ from ._workspace import (
     ROWS,
     TARGET,
     VALUE,
+    Floats,
+    Integers,
     kernel,
 )
 
 
 @kernel
-def scaled_residuals(space, small, index):
+def scaled_residuals(space: Floats, small: Floats, index: Integers, margin: float) -> tuple[float, float, float, float]:
     """Stationarity, primal, dual, complementarity of VALUE and the multipliers BY_ROW. NaN where one is met."""
     sigma, own = sqrt(dot(space, TARGET, TARGET)), sqrt(dot(space, VALUE, VALUE))
     sigma = own if not own <= sigma else sigma
@@ -44,6 +46,6 @@ def scaled_residuals(space, small, index):
             total += abs(mu)
             add(space, REST, -small[BY_ROW, i], ROWS + i)
     allowance = 8 * EPS * total if 8 * EPS * total < 1e-5 * sigma else 1e-5 * sigma
-    stationarity = sqrt(dot(space, REST, REST)) - allowance
+    stationarity = sqrt(dot(space, REST, REST)) + margin * total - allowance
     stationarity = 0.0 if stationarity <= 0.0 else stationarity
     return stationarity / sigma, primal / sigma, dual / sigma, complementarity / sigma

@@ -25,6 +25,9 @@ from ._workspace import (
     ROWS,
     TARGET,
     VALUE,
+    Booleans,
+    Floats,
+    Integers,
     kernel,
 )
 
@@ -32,21 +35,23 @@ FAR = -1e3  # rows with bounds below this stay out of y, which they would swamp,
 
 
 @kernel
-def include_rows(space, small, index):
+def include_rows(space: Floats, small: Floats, index: Integers) -> int:
     """Includes rows whose bound is not FAR or that VALUE violates; returns how many are in, 0 if none is new."""
     size = 1e-13 * sqrt(dot(space, VALUE, VALUE)) + 1e-13
     count, news = 0, 0
     for i in range(small.shape[1]):
-        if index[INCLUDED, i] == 0 and (index[KIND, i] == INEQUALITY or index[KIND, i] == EQUALITY):
-            if small[BOUND, i] > FAR or small[BOUND, i] - dot(space, ROWS + i, VALUE) > size:
-                index[INCLUDED, i] = 1
-                news += 1
+        violation = small[BOUND, i] - dot(space, ROWS + i, VALUE)
+        if index[INCLUDED, i] == 0 and (index[KIND, i] == EQUALITY or small[BOUND, i] > FAR or violation > size):
+            index[INCLUDED, i] = 1
+            news += 1
         count += index[INCLUDED, i]
     return count if news > 0 else 0
 
 
 @kernel
-def pose_residual(space, small, index, y_space, y_small, y_index):
+def pose_residual(
+    space: Floats, small: Floats, index: Integers, y_space: Floats, y_small: Floats, y_index: Integers
+) -> float:
     """Writes the problem of y/max |b̂|: n equalities Ĵᵀy = 0, then y ≥ 0, over the included rows; returns max |b̂|."""
     n, count = space.shape[1], y_space.shape[1]
     largest, k = 0.0, 0
@@ -75,7 +80,7 @@ def pose_residual(space, small, index, y_space, y_small, y_index):
 
 
 @kernel
-def relax(small, index, y_space, y_index, size, largest):
+def relax(small: Floats, index: Integers, y_space: Floats, y_index: Integers, size: int, largest: float) -> None:
     """Bounds b̂ − y, equalities where y > 0; BY_ROW = what was taken off."""
     n = y_index.shape[1] - y_space.shape[1]
     for k in range(size):
@@ -94,7 +99,7 @@ def relax(small, index, y_space, y_index, size, largest):
 
 
 @kernel
-def restore(small, index, problem, equality):
+def restore(small: Floats, index: Integers, problem: int, equality: Booleans) -> None:
     """Takes the relaxation back."""
     m = small.shape[1]
     for i in range(m):

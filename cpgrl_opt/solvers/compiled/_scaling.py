@@ -7,18 +7,35 @@ are still solved as given; and anything from 1e-300 to 1e300 fits.
 from math import frexp, inf, ldexp, sqrt
 
 from ._arithmetic import dot
-from ._workspace import BOUND, EQUALITY, EXPONENT, IMPOSSIBLE, INEQUALITY, KIND, LENGTH, OFF, ROWS, TARGET, kernel
+from ._workspace import (
+    BOUND,
+    EQUALITY,
+    EXPONENT,
+    IMPOSSIBLE,
+    INEQUALITY,
+    KIND,
+    LENGTH,
+    OFF,
+    ROWS,
+    TARGET,
+    Booleans,
+    Floats,
+    Integers,
+    kernel,
+)
 
 UNUSABLE = 1 << 20  # in place of an exponent: NaN or infinity
 
 
 @kernel
-def halve(space, row):
+def halve(space: Floats, row: int) -> tuple[int, float]:
     """Divides a row by the power of two that leaves it ½ to 1 long; returns the exponent and the length left.
 
     (0, 0) for a zero row; the length is NaN or infinite if an entry is.
     """
     exponent, squared = 0, dot(space, row, row)
+    if squared != squared:  # the largest entry below forgets a NaN that a number follows
+        return exponent, squared
     if not 1e-200 < squared < 1e200:
         largest = 0.0
         for j in range(space.shape[1]):
@@ -38,7 +55,16 @@ def halve(space, row):
 
 
 @kernel
-def scale_problem(space, small, index, problem, gradient, jacobian, bound, equality):
+def scale_problem(
+    space: Floats,
+    small: Floats,
+    index: Integers,
+    problem: int,
+    gradient: Floats,
+    jacobian: Floats,
+    bound: Floats,
+    equality: Booleans,
+) -> int:
     """Fills in rows, LENGTH, EXPONENT, KIND, and b̂ and g over 2ˢ; returns s, with 2ˢ next to max(‖g‖, b̂₊, |b̂| on E).
 
     Zero rows are OFF or IMPOSSIBLE, rows with b = −inf OFF. UNUSABLE where a number is not finite.
@@ -67,8 +93,9 @@ def scale_problem(space, small, index, problem, gradient, jacobian, bound, equal
     if not usable:
         return UNUSABLE
     scale = 1023 if scale > 1023 else (-1021 if scale < -1021 else scale)
+    factor = ldexp(1.0, -scale)
     for j in range(n):
-        space[TARGET, j] = ldexp(gradient[problem * n + j], -scale)
+        space[TARGET, j] = gradient[problem * n + j] * factor
     for i in range(m):
         dead = index[KIND, i] == OFF or index[KIND, i] == IMPOSSIBLE
         small[BOUND, i] = -inf if dead else ldexp(bound[problem * m + i], -scale - index[EXPONENT, i])

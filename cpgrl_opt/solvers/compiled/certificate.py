@@ -6,7 +6,7 @@ from numba import njit
 
 from ._certificate import scaled_residuals
 from ._scaling import halve, scale_problem
-from ._workspace import BOUND, BY_ROW, EXPONENT, IMPOSSIBLE, KIND, TARGET, VALUE, allocate
+from ._workspace import BOUND, BY_ROW, EXPONENT, IMPOSSIBLE, KIND, TARGET, VALUE, Booleans, Floats, allocate
 
 
 @njit(
@@ -16,7 +16,15 @@ from ._workspace import BOUND, BY_ROW, EXPONENT, IMPOSSIBLE, KIND, TARGET, VALUE
     cache=True,
     error_model="numpy",
 )
-def certify_stacked(gradient, jacobian, bound, equality, value, multipliers, residuals_out):
+def certify_stacked(
+    gradient: Floats,
+    jacobian: Floats,
+    bound: Floats,
+    equality: Booleans,
+    value: Floats,
+    multipliers: Floats,
+    residuals_out: Floats,
+) -> None:
     """residuals_out (B, 4) = stationarity, primal, dual, complementarity of (d, μ) for each problem as given."""
     count, n = value.shape
     m = multipliers.shape[1]
@@ -33,7 +41,7 @@ def certify_stacked(gradient, jacobian, bound, equality, value, multipliers, res
         for i in range(m):
             small[BOUND, i] = ldexp(small[BOUND, i], scale - own)
             small[BY_ROW, i] = ldexp(multipliers[b, i], index[EXPONENT, i] - own)
-        residuals = scaled_residuals(space, small, index)
+        residuals = scaled_residuals(space, small, index, 0.0)
         for r in range(4):
             residuals_out[b, r] = residuals[r] if residuals[r] < inf else inf
         for i in range(m):
