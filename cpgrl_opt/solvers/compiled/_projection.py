@@ -99,7 +99,7 @@ def write(space: Floats, small: Floats, scale: int, problem: int, value_out: Flo
 @kernel
 def overflows(answer: Floats) -> bool:
     """Whether a number left the range of float64 in the problem's own units."""
-    for x in answer:
+    for x in answer:  # noqa: SIM110 - numba compiles no generator
         if not isfinite(x):
             return True
     return False
