@@ -26,7 +26,8 @@ COMPARISON = ("compare.csv", "compare.md")
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     directory = tmp_path_factory.mktemp("small")
-    return reproduce_two_link_arm(SMALL, directory), directory
+    # In processes of their own, trainings are not slowed by the shape checks of the tests.
+    return reproduce_two_link_arm(SMALL, directory, processes=2), directory
 
 
 def rows(directory: Path, name: str = "learning.csv") -> list[dict[str, str]]:
