@@ -11,14 +11,29 @@ overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them):
         multipliers_out (B, m), status_out (B,) int64, iterations_out (B,) int64)
     solve_tangent, solve_tangent_batch: the same arguments; UNSUPPORTED if an inequality is on (bound > −inf)
 
-Statuses are the integers of `cpgrl_opt.Status`. Importing this package imports numba.
+Statuses are the integers of `cpgrl_opt.Status`. `certificate.certify_stacked` is the referee, compiled. Importing
+this package imports numba and compiles the kernels (once: they are cached on disk).
+
+How a problem is solved, by file:
+
+    _scaling            unit rows up to a power of two, nothing rounded; zero and switched-off rows
+    _dual_active_set    Goldfarb & Idnani's method, in double precision, then refined, then lenient
+    _basis              projections by an orthonormal basis of the active rows, refined where they nearly depend
+    _certificate        the referee's residuals, which decide between OPTIMAL and another attempt
+    _least_violation    what INFEASIBLE returns
+    _projection         the order of it all; the entry point
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ._projection import project_stacked
+from ._cache import forget_outdated_kernels
+
+forget_outdated_kernels(Path(__file__).parent)
+
+from ._projection import project_stacked  # noqa: E402 - loads the cache
 
 
 def solve_cone(

@@ -59,6 +59,8 @@ def project(
     n, basis = space.shape[1], ROWS + small.shape[1]
     for j in range(n):
         space[x, j] = space[t, j]
+    if size == 0:
+        return
     for k in range(size):
         small[u, k] = 0.0
         sharp = sharp or small[TRIANGLE + k, k] < NEARLY_DEPENDENT
@@ -94,7 +96,7 @@ def project(
             change += abs(small[SPARE, k])
             small[u, k] += small[SPARE, k]
         add(space, x, 1.0, REST)
-        if change <= 4 * EPS * total and dot(space, REST, REST) <= (4 * EPS) ** 2 * dot(space, x, x):
+        if sharp and change <= 4 * EPS * total and dot(space, REST, REST) <= (4 * EPS) ** 2 * dot(space, x, x):
             break
 
 

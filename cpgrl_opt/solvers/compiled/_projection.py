@@ -77,8 +77,10 @@ def judge(space: Floats, small: Floats, index: Integers, scale: int) -> float:
     for j in range(space.shape[1]):
         space[VALUE, j] = space[VALUE, j] * factor / factor
     for i in range(small.shape[1]):
-        small[SPARE, i] = ldexp(small[BY_ROW, i], scale - index[EXPONENT, i])
-        small[BY_ROW, i] = ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
+        small[SPARE, i] = 0.0
+        if small[BY_ROW, i] != 0.0:
+            small[SPARE, i] = ldexp(small[BY_ROW, i], scale - index[EXPONENT, i])
+            small[BY_ROW, i] = ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
     worst = 0.0
     for residual in scaled_residuals(space, small, index, MARGIN):
         if not residual <= worst:
@@ -97,12 +99,12 @@ def write(space: Floats, small: Floats, scale: int, problem: int, value_out: Flo
 
 
 @kernel
-def overflows(answer: Floats) -> bool:
+def overflows(answer: Floats, first: int, count: int) -> bool:
     """Whether a number left the range of float64 in the problem's own units."""
-    for x in answer:  # noqa: SIM110 - numba compiles no generator
-        if not isfinite(x):
-            return True
-    return False
+    finite = True
+    for i in range(first, first + count):
+        finite = finite and isfinite(answer[i])
+    return not finite
 
 
 @kernel
@@ -111,17 +113,19 @@ def prove(small: Floats, index: Integers, bound: Floats, problem: int, conflict:
 
     Returns whether there is one.
     """
-    m, impossible = small.shape[1], -1
+    m, impossible, shift = small.shape[1], -1, 0
     for i in range(m):
         index[INCLUDED, i] = 0
         small[BY_ROW, i] = 0.0
         if index[KIND, i] == IMPOSSIBLE:
             impossible = i
+        if conflict and small[THRESHOLD, i] != 0.0 and index[EXPONENT, i] < shift - 1000:
+            shift = index[EXPONENT, i] + 1000  # or y would overflow; any multiple of it will do
     for i in range(m):
         if impossible >= 0:
             small[SPARE, i] = 0.0
         elif conflict:
-            small[SPARE, i] = ldexp(small[THRESHOLD, i], -index[EXPONENT, i])
+            small[SPARE, i] = ldexp(small[THRESHOLD, i], shift - index[EXPONENT, i])
     if impossible >= 0:
         small[SPARE, impossible] = 1.0 if bound[problem * m + impossible] > 0.0 else -1.0
     return conflict or impossible >= 0
@@ -197,10 +201,12 @@ def project_stacked(
                 value_out[b * n + j] = space[VALUE, j] * ldexp(1.0, scale)
             included = include_rows(space, small, index)
             restore(small, index, b, equality)
-        value, multipliers = value_out[b * n : b * n + n], multipliers_out[b * m : b * m + m]
-        if overflows(value) or overflows(multipliers):
-            value[:], multipliers[:] = 0.0, 0.0
-            status, worst = NUMERICAL_ERROR, inf
+        if status == INFEASIBLE and (overflows(value_out, b * n, n) or overflows(multipliers_out, b * m, m)):
+            status = NUMERICAL_ERROR
+            for j in range(b * n, b * n + n):
+                value_out[j] = 0.0
+            for i in range(b * m, b * m + m):
+                multipliers_out[i] = 0.0
         report_out[3 * b] = status
         report_out[3 * b + 1] = changes
         report_out[3 * b + 2] = worst
