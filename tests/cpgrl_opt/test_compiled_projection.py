@@ -1,11 +1,8 @@
 """The compiled projection: exact on the hostile families, honest on infeasible ones, the same in batches."""
 
 import itertools
-import os
-import shutil
 from collections.abc import Callable
 from fractions import Fraction
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -324,115 +321,3 @@ def test_a_zero_row_that_asks_for_something_is_the_proof() -> None:
     assert answer.status == Status.INFEASIBLE
     np.testing.assert_array_equal(answer.multipliers, [0.0, 1.0])
     np.testing.assert_allclose(answer.value, [-0.8, 0.4])  # the projection under the rows that ask for the possible
-
-
-@pytest.mark.parametrize("tangent", [False, True])
-def test_a_batch_is_a_loop_bit_for_bit(tangent: bool) -> None:
-    rng = rng_for(6)
-    draws = [angled(1e-9, -1.0, bounds=bounds, equality=tangent)(rng) for bounds in (False, True) for _ in range(8)]
-    draws += [(g, J, b, E | tangent) for g, J, b, E in (opposing(0.1)(rng) for _ in range(4))]
-    g, J, b, E = (np.stack(part) for part in zip(*draws, strict=True))
-    d, mu = np.empty_like(g), np.empty_like(b)
-    status, iterations = np.empty(len(g), dtype=np.int64), np.empty(len(g), dtype=np.int64)
-    kernels = compiled_kernels()
-    batch = kernels.solve_tangent_batch if tangent else kernels.solve_cone_batch
-    batch(g, J, b, E, TOLERANCE, d, mu, status, iterations)
-    for k, data in enumerate(draws):
-        one = solved(data, tangent=tangent)
-        assert (one.status, one.iterations) == (status[k], iterations[k])
-        np.testing.assert_array_equal(one.value, d[k])
-        np.testing.assert_array_equal(one.multipliers, mu[k])
-
-
-def test_a_tangent_face_is_the_cone_with_equalities_only() -> None:
-    rng = rng_for(7)
-    for _ in range(25):
-        g, J, b, _ = gaussian(4, 6, bounds=True)(rng)
-        data = g, J, b, np.ones(4, dtype=bool)
-        tangent, cone = solved(data, tangent=True), solved(data)
-        np.testing.assert_array_equal(tangent.value, cone.value)
-        J_plus = np.linalg.pinv(J)
-        np.testing.assert_allclose(tangent.value, g - J_plus @ (J @ g) + J_plus @ b, atol=1e-12)
-
-
-def test_a_tangent_face_takes_no_inequality_unless_it_is_off() -> None:
-    g, J, b, E = mixed(rng_for(8))
-    answer = solved((g, J, b, E), tangent=True)
-    assert answer.status == Status.UNSUPPORTED
-    assert not answer.value.any()
-    assert not answer.multipliers.any()
-    off = solved((g, J, np.where(E, b, -np.inf), E), tangent=True)
-    assert off.status == Status.OPTIMAL
-    np.testing.assert_array_equal(off.value, solved((g, J[E], b[E], E[E])).value)
-
-
-def test_a_feasible_gradient_is_returned_as_it_is() -> None:
-    rng = rng_for(9)
-    for _ in range(25):
-        g, J = rng.normal(size=6) * 1e-3, rng.normal(size=(4, 6))
-        answer = solved((g, J, J @ g - rng.random(4) * 1e-3, inequalities(4)))
-        np.testing.assert_array_equal(answer.value, g)
-        assert not answer.multipliers.any()
-
-
-@pytest.mark.parametrize("part", [0, 1, 2])
-@pytest.mark.parametrize("poison", [np.nan, np.inf])
-def test_nan_and_infinity_end_as_a_numerical_error(part: int, poison: float) -> None:
-    data = [array.copy() for array in gaussian(3, 9, bounds=True)(rng_for(10))]
-    data[part].flat[1] = poison
-    d, mu = np.empty(9), np.empty(3)
-    status, _, _ = compiled_kernels().solve_cone(*data, TOLERANCE, d, mu)
-    assert status == Status.NUMERICAL_ERROR
-    assert not d.any()
-    assert not mu.any()
-
-
-def test_inputs_may_be_read_only_and_stay_as_they_are() -> None:
-    data = mixed(rng_for(11))
-    before = [array.copy() for array in data]
-    for array in data:
-        array.flags.writeable = False
-    assert solved(data).status == Status.OPTIMAL
-    for array, copy in zip(data, before, strict=True):
-        np.testing.assert_array_equal(array, copy)
-
-
-def test_outputs_that_are_not_contiguous_are_refused_rather_than_lost() -> None:
-    g, J, b, E = (np.stack([array] * 2) for array in gaussian(3, 9, bounds=True)(rng_for(12)))
-    counts = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
-    with pytest.raises(TypeError, match="No matching definition"):
-        compiled_kernels().solve_cone_batch(g, J, b, E, TOLERANCE, np.empty((2, 18))[:, ::2], np.empty((2, 3)), *counts)
-
-
-def test_the_compiled_referee_is_the_referee() -> None:
-    from cpgrl_opt.solvers.compiled.certificate import certify_stacked
-
-    rng = rng_for(13)
-    for draw in (mixed, zero_rows, lengths_apart, switched_off, jointly_scaled(-170, only_the_origin), opposing(0.1)):
-        data = draw(rng)
-        answer = solved(data)
-        for noise in (0.0, 1e-6, 1.0):
-            answer.value = answer.value * (1.0 + noise)
-            answer.multipliers = answer.multipliers * (1.0 - noise)
-            expected = kkt_residuals(answer.problem, answer)
-            found = np.empty((1, 4))
-            certify_stacked(*data, answer.value[None], answer.multipliers[None], found)
-            names = ("stationarity", "primal", "dual", "complementarity")
-            np.testing.assert_allclose(found[0], [getattr(expected, name) for name in names], rtol=1e-9, atol=1e-14)
-
-
-def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path) -> None:
-    from cpgrl_opt.solvers.compiled import _cache
-
-    (tmp_path / "__pycache__").mkdir()
-    for name in ("entry.py", "helper.py"):
-        shutil.copy(_cache.__file__, tmp_path / name)
-        os.utime(tmp_path / name, (100, 100))
-    index = tmp_path / "__pycache__" / "entry.kernel-1.py311.nbi"
-    index.touch()
-    os.utime(index, (200, 200))
-    _cache.forget_outdated_kernels(tmp_path)
-    assert index.exists()
-    os.utime(tmp_path / "helper.py", (300, 300))
-    _cache.forget_outdated_kernels(tmp_path)
-    assert not index.exists()

@@ -1,0 +1,171 @@
+"""The compiled kernels' conduct: batches, tangent faces, inputs, NaN, the compiled referee, the cache."""
+
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import DirectionProblem, Status, kkt_residuals
+from cpgrl_opt.solvers.kernels import compiled_kernels
+
+TOLERANCE = 1e-12
+Data = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def rng_for(seed: int) -> np.random.Generator:
+    return np.random.default_rng([20061119, seed])
+
+
+def solved(data: Data, *, tangent: bool = False) -> SimpleNamespace:
+    g, J, b, E = data
+    d, mu = np.full(J.shape[1], np.nan), np.full(len(J), np.nan)
+    solve = compiled_kernels().solve_tangent if tangent else compiled_kernels().solve_cone
+    status, iterations, _ = solve(g, J, b, E, TOLERANCE, d, mu)
+    return SimpleNamespace(value=d, multipliers=mu, status=Status(status), iterations=iterations)
+
+
+def touching(rng: np.random.Generator, m: int, n: int) -> Data:
+    """Inequalities that a random point meets, about half of them exactly."""
+    J = rng.normal(size=(m, n))
+    b = J @ rng.normal(size=n) - rng.random(m) * (rng.random(m) < 0.5)
+    return rng.normal(size=n), J, b, np.zeros(m, dtype=bool)
+
+
+def nearly_opposing(rng: np.random.Generator) -> Data:
+    g, J, b, E = touching(rng, 4, 5)
+    J[1] = -J[0] + 1e-9 * J[1]
+    return g, J, np.minimum(b, 0.0), E
+
+
+def impossible(rng: np.random.Generator) -> Data:
+    g, J, b, E = touching(rng, 4, 5)
+    J[1], b[1] = -J[0], 0.1 - b[0]
+    return g, J, b, E
+
+
+def mixed(rng: np.random.Generator) -> Data:
+    g, J, b, _ = touching(rng, 5, 6)
+    return g, J, b, np.array([True, True, False, False, False])
+
+
+@pytest.mark.parametrize("tangent", [False, True])
+def test_a_batch_is_a_loop_bit_for_bit(tangent: bool) -> None:
+    rng = rng_for(6)
+    draws = [draw(rng) for draw in (nearly_opposing, impossible) for _ in range(8)]
+    draws += [touching(rng, 4, 5) for _ in range(8)]
+    draws = [(g, J, b, E | tangent) for g, J, b, E in draws]
+    g, J, b, E = (np.stack(part) for part in zip(*draws, strict=True))
+    d, mu = np.empty_like(g), np.empty_like(b)
+    status, iterations = np.empty(len(g), dtype=np.int64), np.empty(len(g), dtype=np.int64)
+    kernels = compiled_kernels()
+    batch = kernels.solve_tangent_batch if tangent else kernels.solve_cone_batch
+    batch(g, J, b, E, TOLERANCE, d, mu, status, iterations)
+    for k, data in enumerate(draws):
+        one = solved(data, tangent=tangent)
+        assert (one.status, one.iterations) == (status[k], iterations[k])
+        np.testing.assert_array_equal(one.value, d[k])
+        np.testing.assert_array_equal(one.multipliers, mu[k])
+
+
+def test_a_tangent_face_is_the_cone_with_equalities_only() -> None:
+    rng = rng_for(7)
+    for _ in range(25):
+        g, J, b, _ = touching(rng, 4, 6)
+        data = g, J, b, np.ones(4, dtype=bool)
+        tangent, cone = solved(data, tangent=True), solved(data)
+        np.testing.assert_array_equal(tangent.value, cone.value)
+        J_plus = np.linalg.pinv(J)
+        np.testing.assert_allclose(tangent.value, g - J_plus @ (J @ g) + J_plus @ b, atol=1e-12)
+
+
+def test_a_tangent_face_takes_no_inequality_unless_it_is_off() -> None:
+    g, J, b, E = mixed(rng_for(8))
+    answer = solved((g, J, b, E), tangent=True)
+    assert answer.status == Status.UNSUPPORTED
+    assert not answer.value.any()
+    assert not answer.multipliers.any()
+    off = solved((g, J, np.where(E, b, -np.inf), E), tangent=True)
+    assert off.status == Status.OPTIMAL
+    np.testing.assert_array_equal(off.value, solved((g, J[E], b[E], E[E])).value)
+
+
+def test_a_feasible_gradient_is_returned_as_it_is() -> None:
+    rng = rng_for(9)
+    for _ in range(25):
+        g, J = rng.normal(size=6) * 1e-3, rng.normal(size=(4, 6))
+        answer = solved((g, J, J @ g - rng.random(4) * 1e-3, np.zeros(4, dtype=bool)))
+        np.testing.assert_array_equal(answer.value, g)
+        assert not answer.multipliers.any()
+
+
+@pytest.mark.parametrize("part", [0, 1, 2])
+@pytest.mark.parametrize("poison", [np.nan, np.inf])
+def test_nan_and_infinity_end_as_a_numerical_error(part: int, poison: float) -> None:
+    data = [array.copy() for array in touching(rng_for(10), 3, 9)]
+    data[part].flat[1] = poison
+    d, mu = np.empty(9), np.empty(3)
+    status, _, _ = compiled_kernels().solve_cone(*data, TOLERANCE, d, mu)
+    assert status == Status.NUMERICAL_ERROR
+    assert not d.any()
+    assert not mu.any()
+
+
+def test_inputs_may_be_read_only_and_stay_as_they_are() -> None:
+    data = mixed(rng_for(11))
+    before = [array.copy() for array in data]
+    for array in data:
+        array.flags.writeable = False
+    assert solved(data).status == Status.OPTIMAL
+    for array, copy in zip(data, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_outputs_that_are_not_contiguous_are_refused_rather_than_lost() -> None:
+    g, J, b, E = (np.stack([array] * 2) for array in touching(rng_for(12), 3, 9))
+    counts = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
+    with pytest.raises(TypeError, match="No matching definition"):
+        compiled_kernels().solve_cone_batch(g, J, b, E, TOLERANCE, np.empty((2, 18))[:, ::2], np.empty((2, 3)), *counts)
+
+
+def test_the_compiled_referee_is_the_referee() -> None:
+    from cpgrl_opt.solvers.compiled.certificate import certify_stacked
+
+    rng = rng_for(13)
+    g, J, b, E = mixed(rng)
+    for data in (
+        (g, J, b, E),
+        (g, J * [[0.0], [1.0], [1.0], [1.0], [0.0]], b, E),
+        (g, J, np.where(E, b, -np.inf), E),
+        (g * 1e-170, J * 1e-170, np.zeros(5), E),
+        (g, J * [[1e12], [1.0], [1e-12], [1.0], [1.0]], b * [1e12, 1.0, 1e-12, 1.0, 1.0], E),
+        impossible(rng),
+    ):
+        answer, problem = solved(data), DirectionProblem(*data)
+        for noise in (0.0, 1e-6, 1.0):
+            answer.value = answer.value * (1.0 + noise)
+            answer.multipliers = answer.multipliers * (1.0 - noise)
+            expected = kkt_residuals(problem, answer)
+            found = np.empty((1, 4))
+            certify_stacked(*data, answer.value[None], answer.multipliers[None], found)
+            names = ("stationarity", "primal", "dual", "complementarity")
+            np.testing.assert_allclose(found[0], [getattr(expected, name) for name in names], rtol=1e-9, atol=1e-14)
+
+
+def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path) -> None:
+    from cpgrl_opt.solvers.compiled import _cache
+
+    (tmp_path / "__pycache__").mkdir()
+    for name in ("entry.py", "helper.py"):
+        shutil.copy(_cache.__file__, tmp_path / name)
+        os.utime(tmp_path / name, (100, 100))
+    index = tmp_path / "__pycache__" / "entry.kernel-1.py311.nbi"
+    index.touch()
+    os.utime(index, (200, 200))
+    _cache.forget_outdated_kernels(tmp_path)
+    assert index.exists()
+    os.utime(tmp_path / "helper.py", (300, 300))
+    _cache.forget_outdated_kernels(tmp_path)
+    assert not index.exists()
