@@ -57,9 +57,9 @@ def test_rates_are_per_hundred_episodes_and_sum_to_a_hundred():
 
 def test_averages_weigh_blocks_by_their_steps():
     learned = dataclasses.replace(
-        curves([10, 40], runs=1), violation=np.array([[1.0, 0.0]]), length=np.array([[3.0, 1.0]])
+        curves([10, 40], runs=1), violation=np.array([[1.0, 0.0]]), length=np.array([[3.0, 2.0]])
     )
-    assert learned.outside() == pytest.approx(30 / 60)
+    assert learned.outside() == pytest.approx(30 / 90)
 
 
 def test_r3_is_square_less_star_per_step_or_per_episode():

@@ -148,9 +148,18 @@ def test_blocks_count_the_episodes_of_training(tmp_path):
         assert float(row["violation"]) == pytest.approx(outside / steps)
 
 
-def test_the_same_seed_gives_the_same_bytes_for_any_number_of_processes(tmp_path):
-    once = trained(TINY, tmp_path)
-    assert trained(TINY, tmp_path, processes=2) == once  # which splits the runs too
+def test_the_same_seed_gives_the_same_results_for_any_number_of_processes(tmp_path):
+    results = train_two_link_arm(TINY, tmp_path)
+    once = (tmp_path / "learning.csv").read_bytes()
+    split = train_two_link_arm(TINY, tmp_path, processes=2)  # which splits the runs too
+    assert (tmp_path / "learning.csv").read_bytes() == once
+    for label, outcome in results.outcomes.items():
+        again = split.outcomes[label]
+        assert again.runs == outcome.runs == (0, 1, 2)
+        np.testing.assert_array_equal(again.parameters, outcome.parameters)
+        np.testing.assert_array_equal(again.counts["capped"], outcome.counts["capped"])
+        np.testing.assert_array_equal(split.curves[label].touches, results.curves[label].touches)
+        np.testing.assert_array_equal(split.curves[label].length, results.curves[label].length)
     other = ArmSettings(runs=3, episodes=25, record_every=10, conditions=TINY.conditions, seed=1)
     assert trained(other, tmp_path) != once
 
