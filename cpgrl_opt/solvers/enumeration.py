@@ -17,6 +17,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
 from .factorization import pivoted_qr
+from .interface import LoopsOverBatches
 from .preparation import failure, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
@@ -24,7 +25,7 @@ MOST_CONSTRAINTS = 12  # 2¹² active sets
 
 
 @dataclass(frozen=True, kw_only=True)
-class Enumeration:
+class Enumeration(LoopsOverBatches):
     """The best of all 2ᵐ active sets, for problems of at most 12 constraints.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

@@ -23,6 +23,14 @@ class DirectionSolver(Protocol):
         ...
 
 
+class LoopsOverBatches:
+    """`solve_batch` for a method that has nothing better: a loop."""
+
+    def solve_batch(self: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """B problems of one shape, one after the other."""
+        return DirectionBatch.stack([self.solve(problem) for problem in ProblemBatch.stack(problems)])
+
+
 class MissingPackageError(ImportError):
     """A solver's package is not installed; the message is the command that installs it."""
 

@@ -5,12 +5,13 @@ from typing import ClassVar
 
 from ..direction import Direction
 from ..problem import DirectionProblem
+from .interface import LoopsOverBatches
 from .least_distance import least_distance
 from .preparation import solve_prepared
 
 
 @dataclass(frozen=True, kw_only=True)
-class NNLS:
+class NNLS(LoopsOverBatches):
     """min ½‖d − g‖² s.t. Jd ≥ b as a nonnegative least-squares problem in m unknowns; equalities by elimination.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

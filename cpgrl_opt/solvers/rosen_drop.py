@@ -15,13 +15,14 @@ from jaxtyping import Float
 from ..arrays import Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from .interface import LoopsOverBatches
 from .polishing import project_onto_face
 from .preparation import candidate_of, failure, judged, screen
 from .reduction import ScaledProblem, scale_problem
 
 
 @dataclass(frozen=True, kw_only=True)
-class RosenDrop:
+class RosenDrop(LoopsOverBatches):
     """The drop rule, for b = 0; equalities are never dropped.
 
     tolerance: the worst KKT residual of an OPTIMAL answer. raw_multipliers: compare λᵢ as printed in the paper, so

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from .interface import MissingPackageError
+from .interface import LoopsOverBatches, MissingPackageError
 from .packages import has_package
 from .preparation import solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
@@ -123,7 +123,7 @@ BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class QPSolversBackend:
+class QPSolversBackend(LoopsOverBatches):
     """One of qpsolvers' back ends on the reduced problem.
 
     name: a key of BACK_ENDS. tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto

@@ -201,8 +201,8 @@ def project_stacked(
                 value_out[b * n + j] = space[VALUE, j] * ldexp(1.0, scale)
             included = include_rows(space, small, index)
             restore(small, index, b, equality)
-        if status == INFEASIBLE and (overflows(value_out, b * n, n) or overflows(multipliers_out, b * m, m)):
-            status = NUMERICAL_ERROR
+        if overflows(value_out, b * n, n) or overflows(multipliers_out, b * m, m):
+            status, worst = NUMERICAL_ERROR, inf
             for j in range(b * n, b * n + n):
                 value_out[j] = 0.0
             for i in range(b * m, b * m + m):
