@@ -74,8 +74,15 @@ def test_a_path_without_a_touch_takes_all_the_time():
     assert (path.touched, len(path.angles)) == ("none", 6)
 
 
-def test_the_typical_path_ends_as_most_do():
-    assert typical_path(ARM, homing(), STARTS[4], np.random.default_rng(0)).touched == "square"
+def test_the_typical_path_has_median_length_among_those_that_end_as_most_do(monkeypatch):
+    lengths = iter([40, 3, 9, 41, 4, 8, 42, 5, 7, 43, 6, 44, 10, 45, 11])
+    made = (ArmPath(np.zeros((length, 2)), "square" if length < 40 else "star") for length in lengths)
+    monkeypatch.setattr("rl.experiments.two_link_arm_paths.arm_path", lambda *_: next(made))
+    path = typical_path(ARM, arm_policy(ARM), STARTS[0], np.random.default_rng(0))
+    assert (path.touched, len(path.angles)) == ("square", 7)
+
+
+def test_ends_from_all_around_are_counted_per_hundred_episodes():
     ends = touched_from(ARM, [homing()], STARTS, np.random.default_rng(1))
     assert ends["square"] >= 70
     assert sum(ends.values()) == pytest.approx(100)

@@ -12,9 +12,9 @@ from cpgrl_opt import ConstrainedStep
 from envs import TwoLinkArm
 from rl import CPGRL, GPOMDP, DivergenceError, KondaActorCritic, NormalizedGaussianNetwork, train
 from rl.experiments.two_link_arm import CONDITIONS, ArmSettings, Case
-from rl.experiments.two_link_arm_records import train_two_link_arm
+from rl.experiments.two_link_arm_records import Recorder, train_two_link_arm
 from rl.experiments.two_link_arm_reproduction import FILES, draw, remarks, reproduce_two_link_arm
-from rl.experiments.two_link_arm_training import train_share
+from rl.experiments.two_link_arm_training import Block, Tick, train_share
 
 COLUMNS = ["condition", "run", "episode", "circle", "star", "square", "triangle", "none", "violation", "length"]
 OBJECTS = COLUMNS[3:8]
@@ -170,6 +170,26 @@ def test_a_run_does_not_depend_on_the_runs_beside_it(tmp_path):
         return [line for line in trained(settings, tmp_path).splitlines() if line.split(b",")[1] == b"1"]
 
     assert rows_of_run_1(2) == rows_of_run_1(5)
+
+
+def test_progress_calls_recorded_only_what_the_file_holds_of_every_run(tmp_path):
+    def block(runs, episode):
+        return Block("b", runs, episode, 10, np.full((len(runs), 5), 2), np.zeros(len(runs)), np.ones(len(runs)))
+
+    with Recorder(ArmSettings(runs=3, record_every=10), tmp_path) as recorder:
+        heard = [
+            recorder.hear(message)
+            for message in (
+                Tick("b", (2,), 4),
+                block((0, 1), 10),
+                block((2,), 10),
+                Tick("b", (2,), 17),
+                Tick("a", (0,), 3),
+            )
+        ]
+    told = [(advance.label, advance.episode, advance.recorded) for advance in heard]
+    assert told == [("b", 0, False), ("b", 4, False), ("b", 10, True), ("b", 10, False), ("a", 0, False)]
+    assert [row["run"] for row in rows(tmp_path)] == ["0", "1", "2"]
 
 
 def test_without_constraints_training_is_that_of_constraints_never_active():
