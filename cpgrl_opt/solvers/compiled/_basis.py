@@ -96,7 +96,7 @@ def project(
             change += abs(small[SPARE, k])
             small[u, k] += small[SPARE, k]
         add(space, x, 1.0, REST)
-        if sharp and change <= 4 * EPS * total and dot(space, REST, REST) <= (4 * EPS) ** 2 * dot(space, x, x):
+        if sharp and change <= 4 * EPS * total and dot(space, REST, REST) <= 16 * EPS * EPS * dot(space, x, x):
             break
 
 

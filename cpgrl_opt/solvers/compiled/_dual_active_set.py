@@ -183,7 +183,7 @@ def dual_active_set(space: Floats, small: Floats, index: Integers, attempt: int)
                     small[THRESHOLD, p] = 2 * abs(violation)
                     p = -1
                     continue
-            full = inf if dependent else (violation / length**2 if violation > 0.0 else 0.0)
+            full = inf if dependent else (violation / (length * length) if violation > 0.0 else 0.0)
             taken = step if step < full else full
             gained += taken
             for j in range(size):
