@@ -11,17 +11,14 @@ overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them):
         multipliers_out (B, m), status_out (B,) int64, iterations_out (B,) int64)
     solve_tangent, solve_tangent_batch: the same arguments; UNSUPPORTED if an inequality is on (bound > −inf)
 
-Statuses are the integers of `cpgrl_opt.Status`. `certificate.certify_stacked` is the referee, compiled. Importing
-this package imports numba and compiles the kernels (once: they are cached on disk).
+Statuses are the integers of `cpgrl_opt.Status`. Importing this package imports numba and compiles the kernel (once:
+it is cached on disk). How a problem is solved, by file:
 
-How a problem is solved, by file:
-
-    _scaling            unit rows up to a power of two, nothing rounded; zero and switched-off rows
-    _dual_active_set    Goldfarb & Idnani's method, in double precision, then refined, then lenient
+    _scaling            rows of length ½ to 1 and numbers near 1, by powers of two: nothing is rounded
+    _dual_active_set    Goldfarb & Idnani's method
     _basis              projections by an orthonormal basis of the active rows, refined where they nearly depend
-    _certificate        the referee's residuals, which decide between OPTIMAL and another attempt
-    _least_violation    what INFEASIBLE returns
-    _projection         the order of it all; the entry point
+    _projection         the entry point: scales, solves, judges the answer as the referee does, or proves infeasibility
+    _second_thoughts    the few problems that this leaves open; the direction of least violation
 """
 
 from pathlib import Path
@@ -33,27 +30,38 @@ from ._cache import forget_outdated_kernels
 
 forget_outdated_kernels(Path(__file__).parent)
 
+from ._dual_active_set import PLAIN  # noqa: E402
 from ._projection import project_stacked  # noqa: E402 - loads the cache
+from ._second_thoughts import EXACT, Answer, Problem, reconsidered  # noqa: E402
+
+_FIRST = int(PLAIN)
+_SETTLED = (0.0, 4.0, 5.0)  # OPTIMAL, NUMERICAL_ERROR, UNSUPPORTED
 
 
 def solve_cone(
-    gradient: Any, jacobian: Any, bound: Any, equality: Any, tolerance: float, value_out: Any, multipliers_out: Any
+    gradient: Any,
+    jacobian: Any,
+    bound: Any,
+    equality: Any,
+    tolerance: float,
+    value_out: Any,
+    multipliers_out: Any,
 ) -> tuple[int, int, float]:
     """One problem with equalities and inequalities; see the package's head."""
-    report = np.empty(3)
-    project_stacked(False, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report)
-    status, iterations, worst = report.tolist()
-    return int(status), int(iterations), worst
+    return _solve_one(False, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out)
 
 
 def solve_tangent(
-    gradient: Any, jacobian: Any, bound: Any, equality: Any, tolerance: float, value_out: Any, multipliers_out: Any
+    gradient: Any,
+    jacobian: Any,
+    bound: Any,
+    equality: Any,
+    tolerance: float,
+    value_out: Any,
+    multipliers_out: Any,
 ) -> tuple[int, int, float]:
     """One problem with equalities only; see the package's head."""
-    report = np.empty(3)
-    project_stacked(True, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report)
-    status, iterations, worst = report.tolist()
-    return int(status), int(iterations), worst
+    return _solve_one(True, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out)
 
 
 def solve_cone_batch(*arrays: Any) -> None:
@@ -64,6 +72,27 @@ def solve_cone_batch(*arrays: Any) -> None:
 def solve_tangent_batch(*arrays: Any) -> None:
     """B problems, each exactly as `solve_tangent` solves it; arguments as the package's head lists them."""
     _solve_batch(True, *arrays)
+
+
+def _solve_one(
+    tangent: bool,
+    gradient: Any,
+    jacobian: Any,
+    bound: Any,
+    equality: Any,
+    tolerance: float,
+    value_out: Any,
+    multipliers_out: Any,
+) -> tuple[int, int, float]:
+    report = np.empty(3)
+    goal = EXACT if tolerance > EXACT else tolerance
+    project_stacked(tangent, _FIRST, gradient, jacobian, bound, equality, goal, value_out, multipliers_out, report)
+    status, changes, worst = report.tolist()
+    if status not in _SETTLED:
+        first = Answer(int(status), value_out.copy(), multipliers_out.copy(), int(changes))
+        answer, worst = reconsidered(Problem(gradient, jacobian, bound, equality), first, tolerance)
+        status, value_out[:], multipliers_out[:], changes = answer
+    return int(status), int(changes), worst
 
 
 def _solve_batch(
@@ -82,16 +111,21 @@ def _solve_batch(
     report = np.empty((count, 3))
     project_stacked(
         tangent,
+        _FIRST,
         _flat(gradient),
         jacobian.reshape(count * m, n, copy=False),
         _flat(bound),
         _flat(equality),
-        tolerance,
+        min(tolerance, EXACT),
         _flat(value_out),
         _flat(multipliers_out),
         _flat(report),
     )
     status_out[:], iterations_out[:] = report[:, 0], report[:, 1]
+    for k in np.flatnonzero(~np.isin(report[:, 0], _SETTLED)):
+        first = Answer(int(status_out[k]), value_out[k].copy(), multipliers_out[k].copy(), int(iterations_out[k]))
+        answer, _ = reconsidered(Problem(gradient[k], jacobian[k], bound[k], equality[k]), first, tolerance)
+        status_out[k], value_out[k], multipliers_out[k], iterations_out[k] = answer
 
 
 def _flat(array: Any) -> Any:

@@ -3,12 +3,11 @@
 Three arrays carry everything, their rows named by the constants below: at (9, 3) the time goes into counting
 references of arrays and views rather than into sums, and compilation into arguments.
 
-    space (5 + 2m, n)   vectors of the parameter space: VALUE d, TARGET ĝ, ORIGIN, STEP, REST, then the m unit rows
-                        from ROWS on, scaled to ½ to 1, then the basis Q of the active rows
-    small (8 + q, m)    vectors over the constraints, then R from TRIANGLE on: J_active = Rᵀ Q,
-                        q = min(m, n)
-    index (5, m)        KIND of each row; ACTIVE row at each position; whether a row is USED, that is active;
-                        whether it is INCLUDED in the search for the least violation; EXPONENT of its scaling
+    space (4 + 2m, n)   vectors of the parameter space: VALUE d, TARGET ĝ, STEP, REST, then the m unit rows from
+                        ROWS on, scaled to ½ to 1, then the basis Q of the active rows
+    small (7 + q, m)    vectors over the constraints, then R from TRIANGLE on: J_active = Rᵀ Q, q = min(m, n)
+    index (4, m)        KIND of each row; ACTIVE row at each position; whether a row is USED, that is active;
+                        EXPONENT of its scaling
 """
 
 from typing import Any
@@ -27,9 +26,9 @@ def numbers(count: int) -> Any:
     return np.arange(count)
 
 
-VALUE, TARGET, ORIGIN, STEP, REST, ROWS = numbers(6)
-BOUND, LENGTH, MULTIPLIER, CHANGE, FORWARD, THRESHOLD, SPARE, BY_ROW, TRIANGLE = numbers(9)
-KIND, ACTIVE, USED, INCLUDED, EXPONENT = numbers(5)
+VALUE, TARGET, STEP, REST, ROWS = numbers(5)
+BOUND, LENGTH, MULTIPLIER, CHANGE, FORWARD, THRESHOLD, SPARE, TRIANGLE = numbers(8)
+KIND, ACTIVE, USED, EXPONENT = numbers(4)
 
 OFF, INEQUALITY, EQUALITY, IMPOSSIBLE = numbers(4)  # IMPOSSIBLE: a zero row that no d satisfies
 
@@ -45,4 +44,4 @@ def kernel(function: Any) -> Any:
 def allocate(m: int, n: int) -> tuple[Floats, Floats, Integers]:
     """space, small and index for m rows in n coordinates."""
     most = m if m < n else n  # independent rows
-    return np.empty((ROWS + 2 * m, n)), np.empty((TRIANGLE + most, m)), np.empty((5, m), np.int64)
+    return np.empty((ROWS + 2 * m, n)), np.empty((TRIANGLE + most, m)), np.empty((4, m), np.int64)

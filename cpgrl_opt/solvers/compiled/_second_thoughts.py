@@ -1,0 +1,135 @@
+"""What the kernel leaves open: problems that one pass in double precision does not settle, and least violations.
+
+Rare, so in plain Python around the kernel; the referee itself judges each attempt.
+"""
+
+from collections.abc import Iterator
+from math import frexp, inf
+from typing import NamedTuple
+
+import numpy as np
+
+from ...direction import Direction, Status
+from ...kkt import kkt_residuals
+from ...problem import DirectionProblem, lengths, unit_rows
+from ._dual_active_set import LAST, LENIENT, LOOSE, POLISHING, REFINED
+from ._projection import project_stacked
+from ._workspace import Booleans, Floats
+
+EXACT = 1e-12  # worst residual that ends the attempts
+_FAR = -1e3  # rows with bounds below this stay out of the least violation, which they would swamp, until violated
+_LEAST = 1e-13  # violations below this are rounding
+
+
+class Problem(NamedTuple):
+    """g (n,), J (m, n), b (m,), E (m,)."""
+
+    gradient: Floats
+    jacobian: Floats
+    bound: Floats
+    equality: Booleans
+
+
+class Answer(NamedTuple):
+    """What the kernel returns."""
+
+    status: int
+    value: Floats
+    multipliers: Floats
+    changes: int
+
+
+def solved(problem: Problem, attempt: int) -> Answer:
+    """One pass of the kernel."""
+    m, n = problem.jacobian.shape
+    value, multipliers, report = np.empty(n), np.empty(m), np.empty(3)
+    arrays = tuple(np.ascontiguousarray(array) for array in problem)
+    project_stacked(False, int(attempt), *arrays, EXACT, value, multipliers, report)
+    return Answer(int(report[0]), value, multipliers, int(report[1]))
+
+
+def reconsidered(problem: Problem, first: Answer, tolerance: float) -> tuple[Answer, float]:
+    """The best answer of all attempts and its worst residual, inf unless OPTIMAL or nearly; starts from `first`."""
+    if first.status == Status.INFEASIBLE:
+        return least_violating(problem, first), inf
+    validated = DirectionProblem(*problem)
+    best, least, changes = first, inf, 0
+    for answer in _attempts(problem, first):
+        changes += answer.changes
+        if answer.status == Status.INFEASIBLE:
+            return least_violating(problem, answer), inf
+        if answer.status == Status.NUMERICAL_ERROR:
+            continue
+        direction = Direction(answer.value, answer.multipliers, Status(answer.status))
+        worst = kkt_residuals(validated, direction).worst
+        if worst < least:
+            best, least = answer, worst
+        if worst <= min(EXACT, tolerance):
+            break
+    status = Status.OPTIMAL if least <= tolerance else max(best.status, Status.UNCERTIFIED)
+    return best._replace(status=int(status), changes=changes), least
+
+
+def _attempts(problem: Problem, first: Answer) -> Iterator[Answer]:
+    """First; then refined, lenient, and with a looser idea of rounding, each polished twice."""
+    yield first
+    for attempt in (REFINED, LENIENT, LAST):
+        answer = solved(problem, attempt)
+        yield answer
+        if answer.status in (Status.INFEASIBLE, Status.NUMERICAL_ERROR):
+            continue
+        for grade in (POLISHING, POLISHING + 1):
+            answer = answer._replace(value=_polished(problem, answer, grade), changes=0)
+            yield answer
+
+
+def _polished(problem: Problem, answer: Answer, grade: int) -> Floats:
+    """The point nearest to d that keeps the rows with multipliers, as far as they are well apart.
+
+    Where rows at an angle θ from opposing are active, another row can be violated by eps/θ though moving d by as much
+    changes theirs by eps only, and μ ~ 1/θ allows for the move.
+    """
+    held = problem.equality | (answer.multipliers != 0.0)
+    return solved(problem._replace(gradient=answer.value, equality=held), grade).value
+
+
+def least_violating(problem: Problem, proven: Answer) -> Answer:
+    """The same proof with the d that minimises ‖(b̂ − Ĵd)₊‖₂ on unit rows, the nearest to g of them.
+
+        y = argmin ½‖y − b̂‖²   s.t.  Ĵᵀy = 0,  y ≥ 0 on I                = (b̂ − Ĵd)₊ for every such d
+        d = argmin ½‖d − g‖²   s.t.  Ĵd ≥ b̂ − y,  with equality on E and where y > 0
+
+    Source: the KKT conditions of min ½‖(b̂ − Ĵd)₊‖².
+    """
+    rows = unit_rows(problem.jacobian)
+    on = (rows.largest > 0.0) & (problem.bound > -inf)
+    unit, bound, exact = rows.jacobian[on], rows.per_length(problem.bound)[on], problem.equality[on]
+    required = np.where(exact, np.abs(bound), np.maximum(bound, 0.0)).max(initial=0.0)
+    exponent = frexp(max(float(lengths(problem.gradient)), float(required)))[1]
+    gradient, bound = np.ldexp(problem.gradient, -exponent), np.ldexp(bound, -exponent)
+    included = exact | (bound > _FAR)
+    while True:
+        y = np.zeros(len(bound))
+        y[included] = _residual(unit[included], bound[included], exact[included])
+        d = solved(Problem(gradient, unit, bound - y, exact | (y > 0.0)), LOOSE).value
+        new = ~included & (bound - unit @ d > _LEAST * (1.0 + float(lengths(d))))
+        if not new.any():
+            break
+        included |= new
+    value = np.ldexp(d, exponent)
+    if not (np.isfinite(value).all() and np.isfinite(proven.multipliers).all()):
+        return Answer(int(Status.NUMERICAL_ERROR), 0.0 * gradient, np.zeros(len(on)), proven.changes)
+    return proven._replace(value=value)
+
+
+def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
+    """y of least_violating; exactly 0 where y ≥ 0 is active or y is rounding."""
+    count, n = unit.shape
+    largest = float(np.abs(bound).max(initial=0.0)) or 1.0
+    constraints = np.vstack([unit.T, np.eye(count)])
+    limits = np.append(np.zeros(n), np.where(exact, -inf, 0.0))
+    answer = solved(
+        Problem(bound / largest, constraints, limits, np.append(np.ones(n, bool), np.zeros(count, bool))), LOOSE
+    )
+    y: Floats = answer.value * largest
+    return np.where(exact | ((answer.multipliers[n:] == 0.0) & (y > _LEAST)), y, 0.0)
