@@ -10,6 +10,7 @@ from numba.core import sigutils
 
 from envs.interface import RESET_SIGNATURE, STEP_SIGNATURE, ContinuousKernels, function_type, random_state
 
+from ..interrupts import InterruptsHeld
 from ..policies import NormalizedGaussianNetwork
 from ..policies.normalized_gaussian_kernels import grid_of
 
@@ -78,5 +79,7 @@ class ContinuousRollout:
             np.empty(runs, dtype=np.int64),
             np.empty(runs, dtype=np.int64),
         )
-        self.call(*self.fixed, np.ascontiguousarray(parameters, dtype=np.float64), self.random_states, *own, *filled)
+        contiguous = np.ascontiguousarray(parameters, dtype=np.float64)
+        with InterruptsHeld():
+            self.call(*self.fixed, contiguous, self.random_states, *own, *filled)
         return filled

@@ -156,3 +156,36 @@ def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path
     os.utime(tmp_path / "helper.py", (300, 300))
     _cache.forget_outdated_kernels(tmp_path)
     assert not index.exists()
+
+
+@pytest.mark.parametrize("draw", [touching, mixed], ids=lambda draw: draw.__name__)
+def test_the_direct_pass_and_the_thorough_kernel_agree(draw) -> None:
+    from cpgrl_opt.solvers.compiled._second_thoughts import solved_thoroughly
+
+    rng, answered = rng_for(11), 0
+    for _ in range(50):
+        g, J, b, E = draw(rng, 4, 6) if draw is touching else draw(rng)
+        [(thorough, _)] = solved_thoroughly(False, g[None], J[None], b[None], E[None], TOLERANCE)
+        direct = directly(g, J, b, E)
+        if direct is not None:
+            answered += 1
+            np.testing.assert_allclose(direct.value, thorough.value, rtol=0, atol=1e-11 * np.abs(g).max())
+            np.testing.assert_allclose(direct.multipliers, thorough.multipliers, rtol=1e-9, atol=1e-11)
+    assert answered >= 45
+
+
+def test_the_direct_pass_leaves_rows_that_nearly_depend_to_the_thorough_kernel() -> None:
+    for angle, taken in ((1e-1, True), (1e-3, False), (1e-9, False)):
+        rows = np.array([[1.0, 0.0, 0.0], [-np.cos(angle), np.sin(angle), 0.0]])
+        answer = directly(np.array([0.0, -1.0, 1.0]), rows, np.zeros(2), np.ones(2, dtype=bool))
+        assert (answer is not None) == taken
+    copied = directly(np.ones(3), np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]]), np.zeros(2), np.ones(2, dtype=bool))
+    assert copied is not None
+
+
+def directly(g: np.ndarray, J: np.ndarray, b: np.ndarray, E: np.ndarray) -> SimpleNamespace | None:
+    from cpgrl_opt.solvers.compiled._direct import OPTIMAL, project_directly
+
+    d, mu, report = np.empty(J.shape[1]), np.empty(len(J)), np.empty(3)
+    project_directly(False, g, J, b, E, TOLERANCE, d, mu, report)
+    return SimpleNamespace(value=d, multipliers=mu) if report[0] == OPTIMAL else None

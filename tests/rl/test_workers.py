@@ -20,11 +20,15 @@ class Fatal:
         return os._exit, (7,)
 
 
-def assert_no_process_is_left():
-    """A worker that has ended may take a moment to be reaped on a busy machine."""
-    for process in multiprocessing.active_children():
+@pytest.fixture(autouse=True)
+def no_process_is_left():
+    """Whatever a test does, its workers end. Other tests' may live: joblib keeps some in reserve."""
+    before = set(multiprocessing.active_children())
+    yield
+    left = set(multiprocessing.active_children()) - before
+    for process in left:
         process.join(timeout=30)
-    assert not multiprocessing.active_children()
+    assert not any(process.is_alive() for process in left)
 
 
 def test_answers_come_in_the_order_of_the_items_and_reports_in_the_order_of_the_task():
@@ -34,14 +38,12 @@ def test_answers_come_in_the_order_of_the_items_and_reports_in_the_order_of_the_
     assert ["objective" in answer.counts for answer in answers] == [False, True, False]
     assert [report.episode for report in heard if report.label == "conb"] == [0, 1, 2, 3]
     assert [report.episode for report in heard if report.label == "sum"].count(3) == 2
-    assert_no_process_is_left()
 
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_tasks_exception_is_raised_here(processes):
     with pytest.raises(TypeError) as caught:
         run_tasks(operator.truediv, [1, 2], print, processes=processes)  # a number by a function
-    assert_no_process_is_left()
     if processes == 2:
         assert any("in a worker process" in note for note in caught.value.__notes__)
 
@@ -49,7 +51,6 @@ def test_a_tasks_exception_is_raised_here(processes):
 def test_a_worker_that_dies_is_an_error_not_a_hang():
     with pytest.raises(WorkerDiedError, match="exit code 7"):
         run_tasks(train_method, [Fatal(), Fatal()], print, processes=2)
-    assert_no_process_is_left()
 
 
 def test_an_interrupt_of_the_listener_ends_the_workers():
@@ -59,7 +60,6 @@ def test_an_interrupt_of_the_listener_ends_the_workers():
     endless = ThreeStateSettings(runs=1, episodes=10**9, steps=5, record_every=1)
     with pytest.raises(KeyboardInterrupt):
         run_tasks(train_method, [(endless, "sum"), (endless, "conb")], interrupt, processes=2)
-    assert_no_process_is_left()
 
 
 def test_preparation_runs_once_beside_the_workers():

@@ -11,16 +11,18 @@ overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them):
         multipliers_out (B, m), status_out (B,) int64, iterations_out (B,) int64)
     solve_tangent, solve_tangent_batch: the same arguments; UNSUPPORTED if an inequality is on (bound > −inf)
 
-Statuses are the integers of `cpgrl_opt.Status`. Importing this package imports numba and compiles the kernel (once:
-it is cached on disk). How a problem is solved, by file:
+Statuses are the integers of `cpgrl_opt.Status`. Importing this package imports numba and compiles the direct pass,
+the first hard problem compiles the thorough kernel (once: both are cached on disk). How a problem is solved, by file:
 
+    _direct             rows well apart: one short pass by the Gram matrix; what it does not finish goes on to
+    _projection         the thorough kernel: scales, solves, judges as the referee does, or proves infeasibility
     _scaling            rows of length ½ to 1 and numbers near 1, by powers of two: nothing is rounded
     _dual_active_set    Goldfarb & Idnani's method
     _basis              projections by an orthonormal basis of the active rows, refined where they nearly depend
-    _projection         the entry point: scales, solves, judges the answer as the referee does, or proves infeasibility
     _second_thoughts    the few problems that this leaves open; the direction of least violation
 """
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +32,7 @@ from ._cache import forget_outdated_kernels
 
 forget_outdated_kernels(Path(__file__).parent)
 
-from ._dual_active_set import PLAIN  # noqa: E402
-from ._projection import project_stacked  # noqa: E402 - loads the cache
-from ._second_thoughts import EXACT, Answer, Problem, reconsidered  # noqa: E402
-
-_FIRST = int(PLAIN)
-_SETTLED = (0.0, 4.0, 5.0)  # OPTIMAL, NUMERICAL_ERROR, UNSUPPORTED
+from ._direct import OPEN, project_directly  # noqa: E402 - loads the cache
 
 
 def solve_cone(
@@ -85,12 +82,11 @@ def _solve_one(
     multipliers_out: Any,
 ) -> tuple[int, int, float]:
     report = np.empty(3)
-    goal = EXACT if tolerance > EXACT else tolerance
-    project_stacked(tangent, _FIRST, gradient, jacobian, bound, equality, goal, value_out, multipliers_out, report)
+    arrays = (gradient, jacobian, bound, equality)
+    project_directly(tangent, *arrays, tolerance, value_out, multipliers_out, report)
     status, changes, worst = report.tolist()
-    if status not in _SETTLED:
-        first = Answer(int(status), value_out.copy(), multipliers_out.copy(), int(changes))
-        answer, worst = reconsidered(Problem(gradient, jacobian, bound, equality), first, tolerance)
+    if status == OPEN:
+        [(answer, worst)] = _thorough()(tangent, *(array[None] for array in arrays), tolerance)
         status, value_out[:], multipliers_out[:], changes = answer
     return int(status), int(changes), worst
 
@@ -108,24 +104,32 @@ def _solve_batch(
     iterations_out: Any,
 ) -> None:
     count, m, n = jacobian.shape
-    report = np.empty((count, 3))
-    project_stacked(
+    report = np.empty((3, count))
+    project_directly(
         tangent,
-        _FIRST,
-        _flat(gradient),
-        jacobian.reshape(count * m, n, copy=False),
-        _flat(bound),
-        _flat(equality),
-        min(tolerance, EXACT),
+        gradient.reshape(-1),
+        jacobian.reshape(count * m, n),
+        bound.reshape(-1),
+        equality.reshape(-1),
+        tolerance,
         _flat(value_out),
         _flat(multipliers_out),
-        _flat(report),
+        report.reshape(-1),
     )
-    status_out[:], iterations_out[:] = report[:, 0], report[:, 1]
-    for k in np.flatnonzero(~np.isin(report[:, 0], _SETTLED)):
-        first = Answer(int(status_out[k]), value_out[k].copy(), multipliers_out[k].copy(), int(iterations_out[k]))
-        answer, _ = reconsidered(Problem(gradient[k], jacobian[k], bound[k], equality[k]), first, tolerance)
-        status_out[k], value_out[k], multipliers_out[k], iterations_out[k] = answer
+    status_out[:], iterations_out[:] = report[0], report[1]
+    if status_out.any():  # OPTIMAL is 0
+        left = np.flatnonzero(status_out)
+        answers = _thorough()(tangent, gradient[left], jacobian[left], bound[left], equality[left], tolerance)
+        for k, (answer, _) in zip(left, answers, strict=True):
+            status_out[k], value_out[k], multipliers_out[k], iterations_out[k] = answer
+
+
+@cache
+def _thorough() -> Any:
+    """For what the direct pass leaves open; loaded, or compiled, when first needed."""
+    from ._second_thoughts import solved_thoroughly
+
+    return solved_thoroughly
 
 
 def _flat(array: Any) -> Any:

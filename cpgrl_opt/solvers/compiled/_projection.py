@@ -90,7 +90,7 @@ def project_stacked(
 ) -> None:
     """B problems of one shape, each array with theirs one after the other: (B·n,), (B·m, n), (B·m,), (B·m,).
 
-    report_out (3·B,): status, changes of the active set, worst residual of each. tangent: takes no inequality.
+    report_out (3·B,): B statuses, changes of the active set, worst residuals. tangent: takes no inequality.
     INFEASIBLE comes with a Farkas vector, and with a value that is yet to be found.
     """
     n = jacobian.shape[1]
@@ -124,6 +124,6 @@ def project_stacked(
             value_out[b * n + j] = space[VALUE, j] * ldexp(1.0, scale) if given else 0.0
         for i in range(m):
             multipliers_out[b * m + i] = small[SPARE, i] if given else 0.0
-        report_out[3 * b] = status
-        report_out[3 * b + 1] = changes
-        report_out[3 * b + 2] = worst
+        report_out[b] = status
+        report_out[count + b] = changes
+        report_out[2 * count + b] = worst

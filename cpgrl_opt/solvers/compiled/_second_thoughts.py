@@ -1,4 +1,4 @@
-"""What the kernel leaves open: problems that one pass in double precision does not settle, and least violations.
+"""What the direct pass leaves open: one pass of the thorough kernel, or several; and least violations.
 
 Rare, so in plain Python around the kernel; the referee itself judges each attempt.
 """
@@ -12,11 +12,12 @@ import numpy as np
 from ...direction import Direction, Status
 from ...kkt import kkt_residuals
 from ...problem import DirectionProblem, lengths, unit_rows
-from ._dual_active_set import LAST, LENIENT, LOOSE, POLISHING, REFINED
+from ._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from ._projection import project_stacked
 from ._workspace import Booleans, Floats
 
 EXACT = 1e-12  # worst residual that ends the attempts
+_SETTLED = (Status.OPTIMAL, Status.NUMERICAL_ERROR, Status.UNSUPPORTED)
 _FAR = -1e3  # rows with bounds below this stay out of the least violation, which they would swamp, until violated
 _LEAST = 1e-13  # violations below this are rounding
 
@@ -37,6 +38,33 @@ class Answer(NamedTuple):
     value: Floats
     multipliers: Floats
     changes: int
+
+
+def solved_thoroughly(
+    tangent: bool, gradient: Floats, jacobian: Floats, bound: Floats, equality: Booleans, tolerance: float
+) -> list[tuple[Answer, float]]:
+    """Answers to B problems (B, n), (B, m, n), (B, m), (B, m), each with its worst residual."""
+    count, m, n = jacobian.shape
+    values, multipliers, reports = np.empty((count, n)), np.empty((count, m)), np.empty((3, count))
+    project_stacked(
+        tangent,
+        int(PLAIN),
+        gradient.ravel(),
+        jacobian.reshape(-1, n),
+        bound.ravel(),
+        equality.ravel(),
+        min(tolerance, EXACT),
+        values.ravel(),
+        multipliers.ravel(),
+        reports.ravel(),
+    )
+    answers = []
+    for k, (status, changes, worst) in enumerate(reports.T.tolist()):
+        answer = Answer(int(status), values[k], multipliers[k], int(changes))
+        if status not in _SETTLED:
+            answer, worst = reconsidered(Problem(gradient[k], jacobian[k], bound[k], equality[k]), answer, tolerance)
+        answers.append((answer, worst))
+    return answers
 
 
 def solved(problem: Problem, attempt: int) -> Answer:

@@ -1,0 +1,51 @@
+"""Ctrl-C during a compiled call is neither lost nor turned into another error."""
+
+import signal
+import threading
+
+import pytest
+
+from rl.interrupts import InterruptsHeld
+
+
+def test_an_interrupt_waits_for_the_end_of_the_block():
+    reached = []
+
+    def work():
+        with InterruptsHeld():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("the end")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert reached == ["the end"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_error_in_the_block_is_raised_and_the_handler_put_back():
+    with pytest.raises(ZeroDivisionError), InterruptsHeld():
+        raise ZeroDivisionError
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_that_is_ignored_stays_ignored():
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with InterruptsHeld():
+            signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def test_other_threads_are_let_through():
+    seen = []
+
+    def work():
+        with InterruptsHeld():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]
