@@ -28,6 +28,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from cpgrl_opt.solvers import compile_kernels
 from envs import TwoLinkArm
 from rl import train
 from rl.estimators import Estimate
@@ -93,6 +94,7 @@ CONTENDERS: dict[str, tuple[Callable[[int, int], Iterator[Estimate]], int, int]]
 def measure(scale: float = 1.0, repetitions: int = 3) -> list[Row]:
     """Every contender, `scale` times its usual number of episodes; the best of the repetitions, taken in turns."""
     rows: dict[str, Row] = {}
+    compile_kernels()
     for run, runs, _ in CONTENDERS.values():
         list(run(runs, 1))  # compiles, or loads from the cache
     for _ in range(repetitions):

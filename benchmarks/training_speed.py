@@ -29,6 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from cpgrl_opt import ConstrainedStep
+from cpgrl_opt.solvers import compile_kernels
 from envs import ThreeStateMDP
 from rl import CPGRL, GPOMDP, SoftmaxTable, train, uniform_parameters
 
@@ -144,6 +145,7 @@ def measure(scale: float = 1.0, repetitions: int = 3) -> list[Row]:
     """Every contender, `scale` times its usual number of episodes; the best of the repetitions, taken in turns."""
     seconds = dict.fromkeys(CONTENDERS, np.inf)
     thetas: dict[str, np.ndarray] = {}
+    compile_kernels()
     for run, runs, _ in CONTENDERS.values():
         run(runs, 1)  # compiles, or loads from the cache
     for _ in range(repetitions):

@@ -17,6 +17,7 @@ from .interface import (
     supports,
     tolerance_of,
 )
+from .kernels import compile_kernels
 from .nnls import NNLS
 from .osqp import OSQP
 from .packages import has_package
@@ -71,6 +72,7 @@ __all__ = [
     "QPSolversBackend",
     "Rosen",
     "RosenDrop",
+    "compile_kernels",
     "has_package",
     "is_installed",
     "solve_batch",

@@ -4,7 +4,7 @@
       = projection of b̂ onto {y : Ĵᵀy = 0, y ≥ 0 on I}
 
 so v ≠ 0 is a Farkas vector itself: Ĵᵀv = 0, v ≥ 0, b̂ᵀv = ‖v‖² > 0. With N an orthonormal basis of {y : Ĵᵀy = 0},
-decided at RANK_TOLERANCE, v = N Nᵀ(b̂ + s), s = argmin_{s ≥ 0} ‖Nᵀ(b̂ + s)‖: a nonnegative least-squares problem.
+decided at RANK_TOLERANCE, v = Nz, z = argmin ‖z − Nᵀb̂‖ s.t. Nz ≥ 0 on I: one more projection onto a cone.
 All directions that violate least have Ĵd ≥ b̂ − v with equality where vᵢ ≠ 0; the answer is the nearest to g of them.
 Source: Farkas' lemma; Lawson & Hanson, Solving Least Squares Problems, ch. 23; Moreau's decomposition.
 """
@@ -19,6 +19,7 @@ from ..direction import Direction, Status
 from ..kkt import farkas_residual
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from .kernels import compiled_kernels, solve_single
 from .least_distance import least_distance
 from .polishing import polished
 from .reduction import ScaledProblem, reduce_problem, scale_problem
@@ -29,6 +30,7 @@ VIOLATION_TOLERANCE = 1e-9
 _FARKAS_TOLERANCE = 1e-6
 # Entries of v below this part of its largest are zeros that were rounded.
 _SUPPORT_CUT = 1e-6
+_CERTIFIED = 1e-12  # worst KKT residual of that projection
 # Error of a computed null vector, times the least singular value that it is separated by.
 _NOISE = 1e-14
 
@@ -113,17 +115,19 @@ def _left_null_space(rows: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p f"]
 def _projected(
     null_space: Float[np.ndarray, "p f"], bound: Float[np.ndarray, "p"], equality: Float[np.ndarray, "p"]
 ) -> Float[np.ndarray, "p"]:
-    """N Nᵀ(b + s), s ≥ 0 on I and 0 on E, of least length."""
-    from scipy.optimize import nnls
+    """N z, z the projection of Nᵀb onto {z : Nz ≥ 0 on I}; 0 if that is not certified, so that nothing is claimed.
 
-    target = null_space.T @ bound
-    surplus = np.zeros_like(bound)
-    if not equality.all():
-        try:
-            surplus[~equality], _ = nnls(null_space[~equality].T, -target)
-        except RuntimeError:  # its iteration limit: no proof, so no claim
-            return np.zeros_like(bound)
-    v: np.ndarray = null_space @ (target + null_space.T @ surplus)
+    By the compiled core: scipy.optimize.nnls ends at points that are not optimal where columns nearly depend.
+    """
+    target = np.ascontiguousarray(null_space.T @ bound)
+    nearest = solve_single(
+        compiled_kernels().solve_cone,
+        DirectionProblem(target, np.ascontiguousarray(null_space[~equality])),
+        _CERTIFIED,
+    )
+    if nearest.status != Status.OPTIMAL:
+        return np.zeros_like(bound)
+    v: np.ndarray = null_space @ nearest.value
     return v
 
 

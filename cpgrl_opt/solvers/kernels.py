@@ -20,6 +20,11 @@ def compiled_kernels() -> Any:
     return compiled
 
 
+def compile_kernels() -> None:
+    """Compiles every kernel, or loads it from the disk cache, now rather than with the first problem that needs it."""
+    compiled_kernels().load()
+
+
 def solve_single(
     kernel: Callable[..., tuple[int, int, float]], problem: DirectionProblem, tolerance: float
 ) -> Direction:

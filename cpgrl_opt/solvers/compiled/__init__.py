@@ -124,6 +124,11 @@ def _solve_batch(
             status_out[k], value_out[k], multipliers_out[k], iterations_out[k] = answer
 
 
+def load() -> None:
+    """The thorough kernel too, now rather than with the first hard problem."""
+    _thorough()
+
+
 @cache
 def _thorough() -> Any:
     """For what the direct pass leaves open; loaded, or compiled, when first needed."""
