@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .arrays import ArrayLike
-from .validation import require_shape
+from .validation import is_finite, require_shape
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -56,6 +56,6 @@ def _finite(name: str, values: ArrayLike) -> Float[np.ndarray, "..."]:
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} should be an array of real numbers; found dtype {array.dtype}")
     array = np.asarray(array, dtype=np.float64)
-    if not np.isfinite(array).all():
+    if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
     return array

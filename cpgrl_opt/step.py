@@ -17,7 +17,7 @@ from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, solve_batch, solver_named
-from .validation import finite_array, require_member, require_nonnegative, require_shape
+from .validation import finite_array, is_finite, require_member, require_nonnegative, require_shape
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -102,7 +102,7 @@ class ConstrainedStep:
         channels, n = linearization.gradients.shape[-2:]
         require_shape("thresholds", limits, (channels - 1,))
         slack = linearization.slack(limits)
-        if not np.isfinite(slack).all():  # the linearization is finite, so the thresholds are not
+        if not is_finite(slack):  # the linearization is finite, so the thresholds are not
             finite_array("thresholds", limits, 1)
         active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
         runs, count = slack.shape[:-1], math.prod(slack.shape[:-1])
@@ -137,7 +137,7 @@ class _Run:
             constraints = self.capped(constraints)
         tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
         still = _vanishes(tangent, constraints)
-        if settings.formulation == "equality" and (settings.drop == "always" or still.any()):
+        if settings.formulation == "equality" and (settings.drop == "always" or np.count_nonzero(still)):
             if settings.drop != "never":
                 self.drop(constraints, tangent, restoration, multipliers)
                 still = _vanishes(tangent, constraints)
@@ -145,7 +145,7 @@ class _Run:
         change = settings.step_size * tangent
         if restoration is not None:
             change += settings.restoration_rate * restoration
-        if self.counts["skipped"].any():
+        if np.count_nonzero(self.counts["skipped"]):
             change[self.counts["skipped"] > 0] = 0.0
         return change[:, :n], still
 
@@ -180,7 +180,7 @@ class _Run:
         answers = solve_batch(self.settings.solver, problems)  # type: ignore[arg-type]
         if self.observe is not None:
             self.observe(problems, answers)
-        if answers.status.any():
+        if np.count_nonzero(answers.status):
             answers = self.mended(problems, answers, np.resize(runs, len(answers)))
         return answers
 

@@ -23,7 +23,7 @@ def real_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
 def finite_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """`real_array` without infinities."""
     array = real_array(name, values, ndim)
-    if not np.isfinite(array).all():
+    if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)][0]}")
     return array
 
@@ -36,6 +36,11 @@ def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
     array = np.array(given, dtype=np.bool_, copy=True)
     array.flags.writeable = False
     return array
+
+
+def is_finite(array: NDArray[np.float64]) -> bool:
+    """No NaN and no infinity. Counting is several times faster than `all()` on the small arrays of an update."""
+    return bool(np.count_nonzero(np.isfinite(array)) == array.size)
 
 
 def require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:

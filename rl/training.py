@@ -10,6 +10,7 @@ from jaxtyping import Float
 from cpgrl_opt import Linearization
 from cpgrl_opt.arrays import Vector
 from cpgrl_opt.step import Observer
+from cpgrl_opt.validation import is_finite
 
 from .estimators import Estimate, Estimation, GradientEstimator
 from .learners import Learner, LearnerUpdate
@@ -125,9 +126,8 @@ def _finite(estimate: Estimate, runs: tuple[int, ...], episode: int) -> Lineariz
 
 
 def _require_finite(parameters: Float[np.ndarray, "B n"], runs: tuple[int, ...], episode: int) -> None:
-    finite = np.isfinite(parameters)
-    if not finite.all():
-        run, index = np.argwhere(~finite)[0]
+    if not is_finite(parameters):
+        run, index = np.argwhere(~np.isfinite(parameters))[0]
         raise DivergenceError(
             f"θ[{index}] in run {runs[run]} should be finite after episode {episode}; found {parameters[run, index]}. "
             f"{_ADVICE}"

@@ -117,7 +117,7 @@ def _solve_batch(
         report.reshape(-1),
     )
     status_out[:], iterations_out[:] = report[0], report[1]
-    if status_out.any():  # OPTIMAL is 0
+    if np.count_nonzero(status_out):  # OPTIMAL is 0
         left = np.flatnonzero(status_out)
         answers = _thorough()(tangent, gradient[left], jacobian[left], bound[left], equality[left], tolerance)
         for k, (answer, _) in zip(left, answers, strict=True):
