@@ -1,0 +1,58 @@
+"""Tables that scroll inside their own box, keep their first column in sight, and can be sorted."""
+
+from collections.abc import Sequence
+
+from .markup import Markup, element, join
+
+
+def number_cell(text: str, value: float | None, class_: str | None = None, note: str | None = None) -> Markup:
+    """A figure; sorted by its value, not by its text. Without a value it stands last."""
+    return element("td", text, class_=class_, data_value="" if value is None else f"{value:.12g}", title=note)
+
+
+def text_cell(*children: str) -> Markup:
+    """Words, which are sorted by the alphabet."""
+    return element("td", *children, class_="words")
+
+
+def row_head(*children: str, id_: str | None = None, value: float | None = None) -> Markup:
+    """The name of a row, which stays in sight."""
+    return element("th", *children, scope="row", id=id_, data_value=None if value is None else f"{value:g}")
+
+
+def column_head(title: str, column: int, note: str | None = None, class_: str | None = None) -> Markup:
+    """The name of a column, by which rows can be sorted."""
+    return element("th", element("span", title), scope="col", data_column=column, title=note, class_=class_)
+
+
+def group_head(title: str, columns: int, note: str | None = None) -> Markup:
+    """The name of several columns."""
+    return element("th", title, scope="colgroup", colspan=columns, title=note, class_="group")
+
+
+def table(
+    caption: Markup,
+    heads: Sequence[Sequence[Markup]],
+    rows: Sequence[Sequence[Markup]],
+    *,
+    label: str,
+    class_: str = "",
+) -> Markup:
+    """The table in its box, under its caption. label: a short name, told to those who cannot see."""
+    head = element("thead", *(element("tr", *cells) for cells in heads))
+    body = element("tbody", *(element("tr", *cells) for cells in rows))
+    inner = element("table", head, body, class_=f"sortable {class_}".strip(), aria_label=label)
+    box = element("div", inner, class_="scroll", tabindex="0", role="region", aria_label=f"{label} (scrolls)")
+    return element("figure", element("figcaption", caption), box, class_="table")
+
+
+def simple_table(pairs: Sequence[tuple[str, str]], label: str) -> Markup:
+    """name → value, one a row."""
+    rows = [element("tr", row_head(name), text_cell(value)) for name, value in pairs]
+    inner = element("table", element("tbody", *rows), class_="pairs", aria_label=label)
+    return element("div", inner, class_="scroll", tabindex="0", role="region", aria_label=f"{label} (scrolls)")
+
+
+def caption(number: str, sentence: str, more: str = "") -> Markup:
+    """Table 1. What one sees. And how to read it."""
+    return join([element("b", number), " ", element("span", sentence, class_="lead"), " ", more])

@@ -1,0 +1,172 @@
+"""report.md: the comparison as Markdown tables."""
+
+from collections.abc import Iterable, Sequence
+
+from .choice import RULE
+from .findings import FamilyRow, Findings
+from .tallies import Gain, Tally
+from .wording import (
+    NOTHING,
+    choice_sentences,
+    distance_text,
+    limitations,
+    percent_text,
+    question,
+    ratio_text,
+    terms,
+    unsafe_text,
+)
+
+_SHARES = (
+    ("success %", "success"),
+    ("inaccurate %", "inaccurate"),
+    ("silently wrong %", "silently-wrong"),
+    ("honest failure %", "honest-failure"),
+    ("false infeasible %", "false-infeasible"),
+    ("missed infeasible %", "missed-infeasible"),
+)
+
+
+def markdown_report(findings: Findings) -> str:
+    """The whole document."""
+    context = findings.context
+    sections = [
+        "# Comparison of direction solvers",
+        question(findings),
+        "## Which solver to choose",
+        _bullets(choice_sentences(findings.choice, context.default_solver)),
+        "The rule, applied to the numbers below:",
+        "\n".join(f"{number}. {step}" for number, step in enumerate(RULE, 1)),
+        "## Solvers",
+        "Each cell: behind the preparation / raw. " + _terms(),
+        _main_table(findings),
+        *_preparation(findings),
+        "## Families",
+        "Solved by: the solvers behind the preparation that solve every problem of the family, of those that take it. "
+        "Wrong: silently wrong answers of all solvers together, behind the preparation / raw.",
+        _family_table(findings.rows),
+        "## Limitations",
+        _bullets(limitations(findings)),
+        "## How it was made",
+        f"    {context.command}",
+        f"Seed {context.seed}; {context.wall_seconds:.0f} s of wall time.",
+        *(
+            f"### {title}\n\n" + _table((title, "value"), [(str(key), str(value)) for key, value in pairs.items()])
+            for title, pairs in (
+                ("Machine", context.machine),
+                ("Versions", context.versions),
+                ("Settings", context.settings),
+            )
+        ),
+    ]
+    return "\n\n".join(section for section in sections if section) + "\n"
+
+
+def _terms() -> str:
+    return " ".join(f"**{term}**: {meaning}" for term, meaning in terms())
+
+
+def _main_table(findings: Findings) -> str:
+    header = [
+        "solver",
+        "problems taken",
+        *(title for title, _ in _SHARES),
+        "hangs",
+        "crashes",
+        "noise",
+        "distance",
+        "time ratio",
+    ]
+    rows = []
+    for solver in findings.solvers:
+        pair = findings.tally(solver, "prepared"), findings.tally(solver, "raw")
+        columns = list(zip(*(_figures(each) for each in pair), strict=True))
+        rows.append((f"`{solver}`", *(f"{ours} / {theirs}" for ours, theirs in columns)))
+    return _table(header, rows)
+
+
+def _figures(each: Tally | None) -> list[str]:
+    if each is None:
+        return [NOTHING] * (len(_SHARES) + 6)
+    return [
+        str(each.taken),
+        *(percent_text(each.percent(outcome)) for _, outcome in _SHARES),
+        str(each.count("hang")),
+        str(each.count("crash")),
+        str(each.noise),
+        distance_text(each.distance_max),
+        ratio_text(each.time_ratio),
+    ]
+
+
+def _preparation(findings: Findings) -> list[str]:
+    if not findings.gains:
+        return []
+    header = (
+        "solver",
+        "problems",
+        "success % raw",
+        "success % prepared",
+        "gain, points",
+        "unsafe raw",
+        "unsafe prepared",
+    )
+    return [
+        "## What the preparation buys",
+        "The same problems, taken by both variants; unsafe = silently wrong, false or missed infeasible, hang, crash.",
+        _table(header, [_gain_row(gain) for gain in findings.gains]),
+    ]
+
+
+def _gain_row(gain: Gain) -> tuple[str, ...]:
+    return (
+        f"`{gain.raw.solver}`",
+        str(gain.raw.problems),
+        percent_text(gain.raw.percent("success")),
+        percent_text(gain.prepared.percent("success")),
+        f"{gain.points:+.1f}",
+        f"{gain.raw.unsafe} ({unsafe_text(gain.raw)})" if gain.raw.unsafe else "0",
+        f"{gain.prepared.unsafe} ({unsafe_text(gain.prepared)})" if gain.prepared.unsafe else "0",
+    )
+
+
+def _family_table(rows: Sequence[FamilyRow]) -> str:
+    header = (
+        "family",
+        "why it is there",
+        "problems",
+        "solved by",
+        "success % prepared / raw",
+        "wrong",
+        "fastest that solves all",
+    )
+    return _table(header, [_family_cells(row) for row in rows])
+
+
+def _family_cells(row: FamilyRow) -> tuple[str, ...]:
+    pair = row.prepared, row.raw
+    success = " / ".join(percent_text(each.percent("success")) if each else NOTHING for each in pair)
+    wrong = " / ".join(str(each.count("silently-wrong")) if each else NOTHING for each in pair)
+    fastest = f"`{row.fastest}` ({ratio_text(row.time_ratio)})" if row.fastest else NOTHING
+    return (
+        f"`{row.family}`",
+        row.reason,
+        str(row.problems),
+        f"{len(row.solving)} of {row.asked}",
+        success,
+        wrong,
+        fastest,
+    )
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(_cell(text) for text in line) + " |" for line in lines)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _bullets(sentences: Iterable[str]) -> str:
+    return "\n".join(f"- {sentence}" for sentence in sentences)

@@ -1,0 +1,123 @@
+"""Numbers and sentences that both documents share, so that they cannot differ."""
+
+import math
+
+from .choice import Choice
+from .findings import Findings
+from .tallies import UNSAFE, Tally
+
+NOTHING = "–"
+
+
+def percent_text(value: float | None, digits: int = 1) -> str:
+    """A percentage, cut so that only all reads 100 and only none reads 0; – where nothing was asked."""
+    if value is None:
+        return NOTHING
+    if value in (0.0, 100.0):
+        return f"{value:.0f}"
+    unit = 10.0**-digits
+    inside = min(max(value, unit), 100.0 - unit)
+    return f"{math.floor(inside / unit + 1e-6) * unit:.{digits}f}"
+
+
+def ratio_text(value: float | None) -> str:
+    """A time ratio to two figures, or – ; whole numbers from 10 on."""
+    if value is None:
+        return NOTHING
+    return f"{value:.2g}" if value < 10 else f"{float(f'{value:.3g}'):,.0f}".replace(",", "\u202f")
+
+
+def distance_text(value: float | None) -> str:
+    """A relative distance to one figure, or –."""
+    return NOTHING if value is None else f"{value:.0e}" if value else "0"
+
+
+def question(findings: Findings) -> str:
+    """What was asked, in a sentence or two."""
+    return (
+        "Which solver returns the right direction min ½‖d − g‖² subject to Jd ≥ b (or = b), which says so when it "
+        f"cannot, and at what cost? {len(findings.solvers)} solvers met {findings.problems} problems of "
+        f"{len(findings.families)} families, each chosen for a reason given below: {findings.measured} measurements. "
+        "An independent referee computes every residual from the problem's data; what a back end reports about "
+        "itself counts for nothing."
+    )
+
+
+def terms() -> tuple[tuple[str, str], ...]:
+    """(term, meaning) of every column."""
+    return (
+        (
+            "prepared",
+            "the solver as this package offers it: rows scaled to unit length, reduced coordinates, certified.",
+        ),
+        ("raw", "the back end called directly with its library's default settings, on small problems only."),
+        (
+            "success",
+            "right verdict and all residuals ≤ 1e-9; where infeasible, INFEASIBLE with a Farkas vector that checks.",
+        ),
+        ("inaccurate", "claimed optimal, worst residual between 1e-9 and 1e-6."),
+        ("silently wrong", "claimed optimal, worst residual above 1e-6."),
+        ("honest failure", "no answer claimed: the status says so."),
+        (
+            "false / missed infeasible",
+            "a feasible problem called infeasible, without proof / an infeasible one not recognised.",
+        ),
+        ("hang, crash", "killed at the time limit; ended the process or raised."),
+        ("noise", "problems on which it wrote to stdout or stderr."),
+        ("not taken", "problems of a kind that the solver declares not to take; they enter no percentage."),
+    )
+
+
+def choice_sentences(choice: Choice, default_solver: str) -> list[str]:
+    """What the rule chose, with the numbers that made it do so."""
+    if choice.first is None:
+        return ["No solver was measured behind the preparation, so there is none to recommend."]
+    found = [f"Choose {choice.first.solver}: {_merits(choice.first, default_solver)}."]
+    if choice.second is not None:
+        found.append(
+            f"To check it by another method: {choice.second.solver}, the rule's choice among the others: "
+            f"{_merits(choice.second, default_solver)}."
+        )
+    found += [
+        f"Where every problem is one that it takes ({', '.join(each.families)}), {each.solver} solves all at "
+        f"{ratio_text(each.time_ratio)} of {default_solver}'s time, {choice.first.solver} at "
+        f"{ratio_text(each.choice_time_ratio)}."
+        for each in choice.specialists
+    ]
+    return found
+
+
+def _merits(each: Tally, default_solver: str) -> str:
+    return (
+        f"{percent_text(each.percent('success'))} % success on {each.taken} of {each.problems} problems, "
+        f"{unsafe_text(each)}, {ratio_text(each.time_ratio)} times {default_solver}'s time"
+    )
+
+
+def unsafe_text(each: Tally) -> str:
+    """Its unsafe answers by kind, or that there are none."""
+    kinds = [f"{each.count(outcome)} {outcome.replace('-', ' ')}" for outcome in UNSAFE if each.count(outcome)]
+    return ", ".join(kinds) if kinds else "no unsafe answer"
+
+
+def limitations(findings: Findings) -> list[str]:
+    """What the numbers cannot say."""
+    raw = f" Raw back ends met {findings.common_problems} of the {findings.problems} problems." if findings.raw else ""
+    return [
+        "Most families are hostile on purpose. A percentage is the share of these problems, each weighing the same; "
+        "it is no estimate of how often a solver fails in training.",
+        "Times are CPU seconds on one machine, in Python, wrapper included, as ratios to "
+        f"{findings.context.default_solver} in the same round-robin; other machines, sizes and versions "
+        "order them differently. "
+        "Differences below a factor of about 1.5 mean little.",
+        "A failure costs the time limit in every mean of times, so that giving up early is not rewarded; a longer "
+        "limit makes the same failures look slower.",
+        f"Raw back ends run at their libraries' defaults, not tuned; tighter settings help some of them.{raw}",
+        "The referee's residuals are relative to the sizes of g and d on unit rows. Rows closer to opposing than about "
+        "1e-10 rad cannot be certified in float64: there an honest failure is the best possible answer.",
+        "The distance to the exact direction is measured only where the direction is well determined by float64 data "
+        "and the problem is small enough for rational arithmetic.",
+        "One seed, one draw of each problem: percentages of a family with few problems move in large steps.",
+        "The authors of the default solver wrote this comparison. The measurements lie beside the report, "
+        "and the command below makes them again.",
+    ]
