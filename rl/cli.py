@@ -83,6 +83,9 @@ def three_state(
     solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
     formulation: Annotated[str, typer.Option(help="Of the subproblem: equality, cone, restoring.")] = "equality",
     record_every: Annotated[int, typer.Option(help="Episodes between two rows of a run in learning.csv.")] = 100,
+    record: Annotated[
+        int, typer.Option(help="Direction problems to keep in subproblems.npz; 0 for none.", metavar="N")
+    ] = 0,
     out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/three-state"),
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
     jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
@@ -95,11 +98,12 @@ def three_state(
     with _clean_errors():
         settings = ThreeStateSettings(
             runs=runs, episodes=episodes, steps=steps, seed=seed,
-            solver=solver, formulation=formulation, record_every=record_every,
+            solver=solver, formulation=formulation, record_every=record_every, record=record,
         )  # fmt: skip
         with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out):
             done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
-    _report(done.claims, remarks(done), FILES, out, strict=strict)
+    written = [name for name in FILES if (out / name).exists()]
+    _report(done.claims, remarks(done), written, out, strict=strict)
 
 
 @reproduce.command("arm")
@@ -116,6 +120,12 @@ def arm(
     record_every: Annotated[
         int, typer.Option("--record-every", "--block", help="Episodes of a block, a row of a run in learning.csv.")
     ] = 100,
+    record: Annotated[
+        int,
+        typer.Option(
+            help="Direction problems to keep in subproblems.npz, of each constrained training; 0 for none.", metavar="N"
+        ),
+    ] = 0,
     out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/arm"),
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
     jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
@@ -133,6 +143,7 @@ def arm(
         settings = ArmSettings(
             runs=runs, episodes=episodes, seed=seed, solver=solver, formulation=formulation, estimator=estimator,
             conditions=[name.strip() for name in conditions.split(",")], record_every=record_every, compare=compare,
+            record=record,
         )  # fmt: skip
         labels = [case.label for case in settings.cases()]
         with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out):

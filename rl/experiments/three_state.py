@@ -12,7 +12,10 @@ from jaxtyping import Float
 
 from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.arrays import Vector
+from cpgrl_opt.comparison.recorder import Recorder as ProblemRecorder
+from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels
+from cpgrl_opt.step import Observer
 from envs import ThreeStateMDP
 from envs.tabular import ConstrainedOptimum
 
@@ -23,6 +26,7 @@ from ..policies.interface import require_count
 from ..training import TrainingRecord, train, uniform_parameters
 from .learning_curves import LearningCurves
 from .solver_cases import require_installed
+from .subproblems import subproblem_recorder
 from .tidy_csv import TidyCsv
 from .workers import run_tasks
 
@@ -36,6 +40,7 @@ class ThreeStateSettings:
     """Settings of the experiment; the defaults are the paper's (§3.1).
 
     runs, episodes N_K, steps N_T per episode, seed, record_every (episodes between two records): whole numbers.
+    record: how many of CPGRL's direction problems to keep, 0 for none.
     solver, formulation: names from SOLVERS and FORMULATIONS, for CPGRL. step_size α₁, restoration_rate αₑ,
     average_rate α_r, trace_decay β, thresholds G², G³, G⁴ (reward per step).
     Raises ValueError for bad numbers and unknown names.
@@ -48,6 +53,7 @@ class ThreeStateSettings:
     solver: str = "rosen"
     formulation: str = "equality"
     record_every: int = 100
+    record: int = 0
     step_size: float = 0.02
     restoration_rate: float = 0.02
     average_rate: float = 0.02
@@ -57,7 +63,8 @@ class ThreeStateSettings:
     def __post_init__(self) -> None:
         for name in ("runs", "episodes", "steps", "record_every"):
             require_count(name, getattr(self, name))
-        require_count("seed", self.seed, 0)
+        for name in ("seed", "record"):
+            require_count(name, getattr(self, name), 0)
         self.step()
         self.estimator()
 
@@ -107,13 +114,14 @@ class MethodOutcome:
     """What training one method cost.
 
     steps: of the environment; seconds: of training; preparation: s, compiling or loading before it; counts: how often
-    the learner counted each event, over all runs and episodes.
+    the learner counted each event, over all runs and episodes; recording: of its direction problems, if wanted.
     """
 
     steps: int
     seconds: float
     preparation: float
     counts: Mapping[str, int] = field(default_factory=dict)
+    recording: Recording | None = None
 
     @property
     def steps_per_second(self) -> float:
@@ -169,10 +177,13 @@ def train_method(item: tuple[ThreeStateSettings, str], report: Listener) -> Meth
     compile_kernels()
     begun = ticked = perf_counter()
     first: list[Vector] = []
-    records = _records(settings, method, first)
+    watcher = _watcher(settings, method)
+    records = _records(settings, method, first, watcher)
     report(Snapshot(method, 0, np.array(first), np.zeros((settings.runs, len(settings.thresholds) + 1))))
     steps, counts = 0, Counter[str]()
     for record in records:
+        if watcher is not None:
+            watcher.next_episode()
         steps += int(record.estimate.steps.sum())
         for name, number in record.update.counts.items():
             counts[name] += int(number.sum())
@@ -181,10 +192,22 @@ def train_method(item: tuple[ThreeStateSettings, str], report: Listener) -> Meth
         elif perf_counter() - ticked > _TICK:
             ticked = perf_counter()
             report(Tick(method, record.episode))
-    return MethodOutcome(steps, perf_counter() - begun, begun - started, dict(counts))
+    seconds = perf_counter() - begun
+    return MethodOutcome(
+        steps, seconds, begun - started, dict(counts), None if watcher is None else watcher.recording()
+    )
 
 
-def _records(settings: ThreeStateSettings, method: str, first: list[Vector]) -> Iterator[TrainingRecord]:
+def _watcher(settings: ThreeStateSettings, method: str) -> ProblemRecorder | None:
+    if method != "cpgrl":  # the others have no direction problems
+        return None
+    runs = settings.runs
+    return subproblem_recorder(settings.record, method, range(runs), of=runs, episodes=settings.episodes)
+
+
+def _records(
+    settings: ThreeStateSettings, method: str, first: list[Vector], observe: Observer | None = None
+) -> Iterator[TrainingRecord]:
     """Training's records; `first` is filled with each run's θ₀ ~ U[0, 1]⁹ before they begin."""
     mdp = ThreeStateMDP()
     draw = uniform_parameters(mdp.states * mdp.actions)
@@ -196,7 +219,7 @@ def _records(settings: ThreeStateSettings, method: str, first: list[Vector]) -> 
     policy = SoftmaxTable(mdp.states, mdp.actions)
     return train(
         mdp, policy, settings.estimator(), settings.learner(method),
-        episodes=settings.episodes, runs=settings.runs, seed=settings.seed, initial=initial,
+        episodes=settings.episodes, runs=settings.runs, seed=settings.seed, initial=initial, observe=observe,
     )  # fmt: skip
 
 

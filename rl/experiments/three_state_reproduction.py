@@ -14,22 +14,25 @@ from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
 from .results_directory import clear
 from .step_report import handing_over, in_words
+from .subproblems import FILE as SUBPROBLEMS
+from .subproblems import write_subproblems
 from .summary import versions, write_summary
 from .three_state import METHODS, Listener, ThreeStateResults, ThreeStateSettings, train_three_state
 from .three_state_claims import three_state_claims
 from .three_state_evidence import Evidence
 from .three_state_figures import averages_figure, policies_figure
 
-FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg")
+FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg", SUBPROBLEMS)
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Results, claims and wall seconds by part ("training", "figures", "total")."""
+    """Results, claims, wall seconds by part ("training", "figures", "total"), and what was recorded, in words."""
 
     results: ThreeStateResults
     claims: Sequence[Claim]
     seconds: Mapping[str, float]
+    recorded: Sequence[str] = ()
 
 
 def reproduce_three_state(
@@ -37,7 +40,8 @@ def reproduce_three_state(
 ) -> Reproduction:
     """Writes FILES into the directory, made if it is not there; files of an earlier run are removed first.
 
-    Interrupted, it leaves `learning.csv` with what was recorded. Raises as `train_three_state`.
+    Direction problems are written only if settings.record > 0. Interrupted, it leaves `learning.csv` with what was
+    recorded. Raises as `train_three_state`.
     """
     begun = perf_counter()
     clear(directory, FILES)
@@ -47,13 +51,14 @@ def reproduce_three_state(
     trained = perf_counter()
     claims = three_state_claims(evidence(results))
     write_claims(claims, directory / "claims.json")
+    recorded = write_subproblems([outcome.recording for outcome in results.outcomes.values()], directory)
     draw(results, directory)
     ended = perf_counter()
     seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
     write_summary(
         directory / "summary.json", results.outcomes["cpgrl"].steps_per_second, summary(results, seconds, processes)
     )
-    return Reproduction(results, claims, seconds)
+    return Reproduction(results, claims, seconds, recorded)
 
 
 def _load() -> None:
@@ -98,6 +103,7 @@ def remarks(done: Reproduction) -> list[str]:
     if counted:
         lines.append(f"In {settings.runs * settings.episodes} updates of CPGRL: {counted}.")
     lines += handing_over(settings.solver, settings.step().solver, settings.formulation)
+    lines += done.recorded
     return lines
 
 

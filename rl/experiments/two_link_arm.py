@@ -69,6 +69,7 @@ class ArmSettings:
     of CONDITIONS, put into their order. step_size α₁, restoration_rate αₑ, average_rate α_r, critic_rate α_w,
     trace_decay β. Safeguards, ours, without which the printed update diverges on the arm: ridge ε in the squared
     unit of a gradient, max_restoration ‖αₑ d‖ in the unit of θ; drop: see `ConstrainedStep`.
+    record: how many direction problems of each constrained case to keep, 0 for none.
     Raises ValueError for bad numbers and unknown names.
     """
 
@@ -90,11 +91,13 @@ class ArmSettings:
     max_restoration: float = 0.1
     drop: str = "never"
     compare: bool = False
+    record: int = 0
 
     def __post_init__(self) -> None:
         for name in ("runs", "episodes", "steps", "record_every"):
             require_count(name, getattr(self, name))
-        require_count("seed", self.seed, 0)
+        for name in ("seed", "record"):
+            require_count(name, getattr(self, name), 0)
         if self.estimator not in ESTIMATORS:
             raise ValueError(f"estimator should be one of {', '.join(ESTIMATORS)}; found {self.estimator!r}")
         if not self.conditions or isinstance(self.conditions, str):

@@ -12,6 +12,7 @@ from envs import TwoLinkArm
 
 from ..parallel import split
 from .solver_cases import require_installed
+from .subproblems import joined_recordings
 from .tidy_csv import TidyCsv
 from .two_link_arm import ArmSettings
 from .two_link_arm_comparison import ComparisonCsv
@@ -155,6 +156,7 @@ def joined(parts: Sequence[Outcome]) -> Outcome:
         sum(part.preparation for part in parts),
         np.concatenate([part.parameters for part in parts]),
         {name: np.concatenate([part.counts[name] for part in parts]) for name in first.counts},
+        joined_recordings([part.recording for part in parts]),
     )
 
 

@@ -12,6 +12,8 @@ from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
 from .results_directory import clear
 from .step_report import handing_over, in_words
+from .subproblems import FILE as SUBPROBLEMS
+from .subproblems import write_subproblems
 from .summary import versions, write_summary
 from .two_link_arm import CONDITIONS, PAPER, ArmSettings, learned_policy
 from .two_link_arm_animation import write_animation
@@ -25,6 +27,7 @@ from .two_link_arm_training import Outcome
 FILES = (
     "learning.csv", "claims.json", "summary.json", "fig6.png", "fig6.svg", "fig7.png", "fig7.svg", "fig7.gif",
     "fig7-beside.png", "fig7-beside.svg", "compare.csv", "compare.md",
+    SUBPROBLEMS,
 )  # fmt: skip
 _ANIMATED = 4  # episodes of the animation, from as many directions around the star
 _DRAWING = 1 << 32  # spawn key of what is drawn for figures: beyond that of any run
@@ -32,12 +35,13 @@ _DRAWING = 1 << 32  # spawn key of what is drawn for figures: beyond that of any
 
 @dataclass(frozen=True, eq=False)
 class ArmReproduction:
-    """Results, claims, the comparison's rows, and wall seconds by part ("training", "figures", "total")."""
+    """Results, claims, the comparison's rows, wall seconds by part ("training", "figures", "total"), the recording."""
 
     results: ArmResults
     claims: Sequence[Claim]
     comparison: Sequence[Sequence[str]]
     seconds: Mapping[str, float]
+    recorded: Sequence[str] = ()
 
 
 def reproduce_two_link_arm(
@@ -57,11 +61,12 @@ def reproduce_two_link_arm(
     rows = compared(settings, results.curves, results.outcomes)
     if rows:
         write_comparison(rows, results.arm, directory / "compare.md")
+    recorded = write_subproblems([outcome.recording for outcome in results.outcomes.values()], directory)
     draw(results, directory)
     ended = perf_counter()
     seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
     write_summary(directory / "summary.json", speed(results), summary(results, seconds, processes))
-    return ArmReproduction(results, claims, rows, seconds)
+    return ArmReproduction(results, claims, rows, seconds, recorded)
 
 
 def evidence(results: ArmResults) -> ArmEvidence:
@@ -105,7 +110,7 @@ def remarks(done: ArmReproduction) -> list[str]:
         counted = in_words(_totals(outcome))
         if counted:
             lines.append(f"({label}), {settings.runs * settings.episodes} updates: {counted}.")
-    return lines + handing_over(settings.solver, settings.step().solver, settings.formulation)
+    return [*lines, *handing_over(settings.solver, settings.step().solver, settings.formulation), *done.recorded]
 
 
 def speed(results: ArmResults, clock: str = "seconds") -> float:

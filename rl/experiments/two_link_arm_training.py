@@ -7,11 +7,15 @@ from time import perf_counter, process_time
 import numpy as np
 from jaxtyping import Float, Int
 
+from cpgrl_opt.comparison.recorder import Recorder
+from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels
+from cpgrl_opt.step import Observer
 from envs import TwoLinkArm
 
 from ..training import TrainingRecord, train
-from .two_link_arm import MAX_CHANGE, ArmSettings, Case, arm_policy
+from .subproblems import subproblem_recorder
+from .two_link_arm import CONDITIONS, MAX_CHANGE, ArmSettings, Case, arm_policy
 
 _TICK = 0.2  # s between signs of life
 
@@ -48,7 +52,7 @@ class Outcome:
     steps: (R,), of the environment; seconds: of training, by the wall, and cpu_seconds, by the process' own clock,
     which others on the machine do not stretch; preparation: s, compiling or loading before it; parameters: (R, n),
     the last θ; counts: by event, (R,), as the learner counts, and "constrained": updates with an active constraint,
-    in each of which the ridge acts.
+    in each of which the ridge acts; recording: of the direction problems, if wanted.
     """
 
     label: str
@@ -60,6 +64,7 @@ class Outcome:
     preparation: float
     parameters: Float[np.ndarray, "R n"]
     counts: Mapping[str, Int[np.ndarray, "R"]]
+    recording: Recording | None = None
 
     @property
     def steps_per_second(self) -> float:
@@ -81,7 +86,10 @@ def train_share(share: Share, report: Callable[[Message], None]) -> Outcome:
     ticked = begun
     block, steps = _Block(share, 0), np.zeros(len(runs), dtype=np.int64)
     counts: dict[str, np.ndarray] = {"constrained": np.zeros(len(runs), dtype=np.int64)}
-    for record in _records(share):
+    watcher = _watcher(share)
+    for record in _records(share, watcher):
+        if watcher is not None:
+            watcher.next_episode()
         block.add(record)
         steps += record.estimate.steps
         counts["constrained"] += record.update.active.any(axis=1)
@@ -94,17 +102,28 @@ def train_share(share: Share, report: Callable[[Message], None]) -> Outcome:
             ticked = perf_counter()
             report(Tick(case.label, runs, record.episode))
     times = perf_counter() - begun, process_time() - begun_cpu, begun - started
-    outcome = Outcome(case.label, runs, settings.episodes, steps, *times, record.parameters, counts)
+    outcome = Outcome(
+        case.label, runs, settings.episodes, steps, *times, record.parameters, counts,
+        None if watcher is None else watcher.recording(),
+    )  # fmt: skip
     report(outcome)
     return outcome
 
 
-def _records(share: Share) -> Iterator[TrainingRecord]:
+def _watcher(share: Share) -> Recorder | None:
+    settings, case, runs = share
+    if CONDITIONS[case.condition].thresholds is None:  # then there are no direction problems
+        return None
+    return subproblem_recorder(settings.record, case.label, runs, of=settings.runs, episodes=settings.episodes)
+
+
+def _records(share: Share, observe: Observer | None = None) -> Iterator[TrainingRecord]:
     settings, case, runs = share
     arm = TwoLinkArm()
     return train(
         arm, arm_policy(arm), settings.gradient_estimator(case.condition), settings.learner(case),
         episodes=settings.episodes, runs=runs, seed=settings.seed, max_change=MAX_CHANGE,
+        observe=observe,
     )  # fmt: skip
 
 

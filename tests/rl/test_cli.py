@@ -43,7 +43,7 @@ def finished(tmp_path_factory):
     out.mkdir(parents=True)
     (out / "notes.txt").write_text("mine", encoding="utf-8")
     (out / "claims.json").write_text("old", encoding="utf-8")
-    return cpgrl("reproduce", "three-state", *TINY, "--out", out), out
+    return cpgrl("reproduce", "three-state", *TINY, "--record", 30, "--out", out), out
 
 
 def test_a_small_reproduction_prints_claims_speed_and_where_it_wrote(finished):
@@ -52,6 +52,7 @@ def test_a_small_reproduction_prints_claims_speed_and_where_it_wrote(finished):
     assert "claims hold" in result.stdout
     assert "steps/s" in result.stdout
     assert str(out) in result.stdout.replace("\n", "")
+    assert "subproblems.npz holds" in result.stdout
     assert not result.stderr  # no progress bar without a terminal
 
 

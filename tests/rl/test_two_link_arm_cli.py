@@ -25,13 +25,20 @@ def finished(tmp_path_factory):
     out = tmp_path_factory.mktemp("cli") / "new" / "results"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rl.experiments.two_link_arm_reproduction.draw", lambda *_: None)
-        return cpgrl_arm(*TINY, "--conditions", "c, a", "--compare", "--out", out), out
+        return cpgrl_arm(*TINY, "--conditions", "c, a", "--compare", "--record", 8, "--out", out), out
 
 
 def test_a_small_reproduction_prints_claims_comparison_speed_and_where_it_wrote(finished):
     result, out = finished
     assert result.exit_code == 0, result.output
-    for text in ("claims hold", "Formulations compared", "M steps/s", "our additions", str(out)):
+    for text in (
+        "claims hold",
+        "Formulations compared",
+        "M steps/s",
+        "our additions",
+        "subproblems.npz holds",
+        str(out),
+    ):
         assert text in result.stdout.replace("\n", ""), text
     for path in out.iterdir():
         assert path.name in result.stdout

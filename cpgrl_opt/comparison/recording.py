@@ -1,0 +1,191 @@
+"""Direction problems met in training: an exact `.npz` of them, and how it is read back.
+
+Every array is float64, int64 or bool of one row per problem, so that a file holds the problems bit for bit, is read
+without unpickling anything, and the same problems give the same bytes.
+"""
+
+import zipfile
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..problem import DirectionProblem, ProblemBatch
+
+FORMAT = "cpgrl recording 1"
+# What an update solves: PΔ¹ and the restoration (one problem in the formulation "restoring"), both again after a drop.
+PARTS = ("tangent", "restoration", "tangent after a drop", "restoration after a drop")
+SHIPPED = ("three-state", "arm")
+_ROWS = ("training", "run", "episode", "part", "stretch")
+_TEXTS = ("format", "trainings", "selection")
+# What np.load and the zip file under it raise on something else than a whole .npz of plain arrays.
+_NOT_AN_NPZ = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    zipfile.BadZipFile,
+    zlib.error,
+    NotImplementedError,
+    RuntimeError,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording:
+    """P direction problems of one shape and where each comes from, ordered by training, run, episode and part.
+
+    gradient g: (P, n); jacobian J: (P, m, n); bound b, equality: (P, m); as in `ProblemBatch`.
+    training: (P,), index into `trainings`, the names of what was trained; run: from 0; episode: the one before the
+    update, from 1; part: index into PARTS; stretch: problems of one training, run and stretch come from updates that
+    follow each other. selection: in words, which problems were kept.
+    Raises ValueError for arrays that do not fit together or that no direction problem may have.
+    """
+
+    gradient: Float[np.ndarray, "P n"]
+    jacobian: Float[np.ndarray, "P m n"]
+    bound: Float[np.ndarray, "P m"]
+    equality: Bool[np.ndarray, "P m"]
+    training: Int[np.ndarray, "P"]
+    run: Int[np.ndarray, "P"]
+    episode: Int[np.ndarray, "P"]
+    part: Int[np.ndarray, "P"]
+    stretch: Int[np.ndarray, "P"]
+    trainings: tuple[str, ...]
+    selection: str
+
+    def __post_init__(self) -> None:
+        for name, kind in (*((name, "f") for name in ("gradient", "jacobian", "bound")), ("equality", "b")):
+            _require_kind(name, getattr(self, name), kind)
+        for name in _ROWS:
+            array = getattr(self, name)
+            _require_kind(name, array, "i")
+            if array.shape != (len(self.gradient),) or (array < 0).any():
+                raise ValueError(
+                    f"{name} should hold {len(self.gradient)} integers ≥ 0; found shape {array.shape}, "
+                    f"least {array.min(initial=0)}"
+                )
+        for name, names in (("training", self.trainings), ("part", PARTS)):
+            if (getattr(self, name) >= len(names)).any():
+                raise ValueError(f"{name} should be below {len(names)}; found {getattr(self, name).max()}")
+        _ = self.batch  # checks the problems
+
+    @cached_property
+    def batch(self) -> ProblemBatch:
+        """All problems, stacked."""
+        return ProblemBatch(self.gradient, self.jacobian, self.bound, self.equality)
+
+    @cached_property
+    def problems(self) -> list[DirectionProblem]:
+        """All problems, one by one."""
+        return list(self.batch)
+
+    @cached_property
+    def sequences(self) -> list[list[int]]:
+        """Indices of problems that a run met one after the other: a list for each training, run, stretch and part."""
+        found: dict[tuple[int, ...], list[int]] = {}
+        for index, key in enumerate(zip(self.training, self.run, self.stretch, self.part, strict=True)):
+            found.setdefault(tuple(map(int, key)), []).append(index)
+        return list(found.values())
+
+    def __len__(self) -> int:
+        return len(self.gradient)
+
+    def chosen(self, rows: Any) -> "Recording":
+        """The problems that an index array, a mask or a slice names."""
+        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
+        return Recording(**arrays, trainings=self.trainings, selection=self.selection)
+
+    def save(self, path: Path) -> None:
+        """Writes the `.npz`; the same recording, the same bytes."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        texts = {"format": np.array(FORMAT), "selection": np.array(self.selection)}
+        with Path(path).open("wb") as file:  # np.savez would add a suffix to a bare path
+            np.savez_compressed(file, allow_pickle=False, **arrays, **texts, trainings=np.array(self.trainings, str))
+
+
+_ARRAYS = tuple(field.name for field in fields(Recording) if field.name not in _TEXTS)
+
+
+def joined(recordings: Iterable[Recording]) -> Recording:
+    """One recording of the problems of several, at least one, of one shape; trainings of one name are one training."""
+    parts = list(recordings)
+    shapes = {part.jacobian.shape[1:] for part in parts if len(part)}
+    if len(shapes) > 1:
+        raise ValueError(f"recordings should have problems of one shape (m, n); found {sorted(shapes)}")
+    full = [part for part in parts if len(part)] or parts[:1]
+    names = tuple(dict.fromkeys(name for part in parts for name in part.trainings))
+    arrays = {name: np.concatenate([getattr(part, name) for part in full]) for name in _ARRAYS}
+    own = [np.array([names.index(name) for name in part.trainings], np.int64)[part.training] for part in full]
+    arrays["training"] = np.concatenate(own)
+    order = np.lexsort([arrays[name] for name in ("part", "episode", "run", "training")])
+    return Recording(
+        **{name: array[order] for name, array in arrays.items()}, trainings=names, selection=parts[0].selection
+    )
+
+
+def load_recording(path: Path | str) -> Recording:
+    """The recording that `Recording.save` wrote; nothing in the file is unpickled or run.
+
+    Raises ValueError for a file that is not there or not such a recording.
+    """
+    contents = _contents(Path(path))
+    found = str(contents["format"]) if "format" in contents else "no entry 'format'"
+    if found != FORMAT:
+        raise ValueError(f"{path} should be a recording of format {FORMAT!r}; found {found}")
+    missing = [name for name in (*_ARRAYS, *_TEXTS) if name not in contents]
+    if missing:
+        raise ValueError(f"{path} should hold the arrays of a recording; found none named {', '.join(missing)}")
+    try:
+        arrays = {name: contents[name] for name in _ARRAYS}
+        trainings = tuple(map(str, contents["trainings"].reshape(-1)))
+        return Recording(**arrays, trainings=trainings, selection=str(contents["selection"]))
+    except ValueError as error:
+        raise ValueError(f"{path} should be a recording, but its {error}") from error
+
+
+def shipped_recording(name: str) -> Recording:
+    """A small recording of the paper's experiments that comes with the package: "three-state" or "arm".
+
+    README.md beside the files has the commands that made them.
+    """
+    if name not in SHIPPED:
+        raise ValueError(f"a shipped recording should be one of {', '.join(SHIPPED)}; found {name!r}")
+    return load_recording(Path(__file__).with_name("recorded") / f"{name}.npz")
+
+
+def _contents(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(path):  # np.load would take a bare array too
+            pass
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except _NOT_AN_NPZ as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else error
+        raise ValueError(f"{path} should be a recording, an .npz as --record writes it; found {reason}") from error
+
+
+def _require_kind(name: str, array: Any, kind: str) -> None:
+    names = {"f": "float64", "b": "bool", "i": "int64"}
+    if not isinstance(array, np.ndarray) or array.dtype != np.dtype(names[kind]):
+        found = getattr(array, "dtype", type(array).__name__)
+        raise ValueError(f"{name} should be an array of {names[kind]}; found {found}")
+
+
+def empty_recording(trainings: Sequence[str], selection: str, m: int = 0, n: int = 1) -> Recording:
+    """A recording of no problem, of shape (m, n)."""
+    rows = {name: np.zeros(0, np.int64) for name in _ROWS}
+    return Recording(
+        gradient=np.zeros((0, n)),
+        jacobian=np.zeros((0, m, n)),
+        bound=np.zeros((0, m)),
+        equality=np.zeros((0, m), np.bool_),
+        **rows,
+        trainings=tuple(trainings),
+        selection=selection,
+    )
