@@ -74,6 +74,31 @@ def solvers() -> None:
     Console().print(table)
 
 
+@app.command()
+def check(
+    target: Annotated[str, typer.Argument(help="package.module:SOLVER, an instance, a class or a function (g, J, b).")],
+    max_examples: Annotated[int, typer.Option(help="Problems that each law is put to.")] = 100,
+    seed: Annotated[int, typer.Option(help="The same seed draws the same problems.")] = 0,
+    markdown: Annotated[Path | None, typer.Option(help="File for the verdict with all counterexamples.")] = None,
+    expected_failure: Annotated[
+        list[str] | None, typer.Option(metavar="CHECK=REASON", help="A law that is bound to break; repeatable.")
+    ] = None,
+    time_limit: Annotated[float, typer.Option(help="Seconds that one problem may take.")] = 10.0,
+) -> None:
+    """Put a direction solver through the conformance kit: 0 all laws held, 1 one broke, 2 could not run."""
+    try:
+        from cpgrl_opt.testing.command import run_check
+    except ImportError as error:  # the kit's own extra; the message holds what to type
+        _refuse(str(error))
+    with _clean_errors():
+        raise typer.Exit(
+            run_check(
+                target, max_examples=max_examples, seed=seed, markdown=markdown,
+                expected_failures=expected_failure or (), time_limit=time_limit,
+            )
+        )  # fmt: skip
+
+
 @reproduce.command("three-state")
 def three_state(
     runs: Annotated[int, typer.Option(help="Independent runs of each method.")] = 20,

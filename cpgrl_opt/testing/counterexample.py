@@ -9,21 +9,35 @@ from ..solvers.interface import DirectionSolver
 from .laws import Law
 
 
-def counterexample_code(law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> str:
-    """Source of a pytest test with the arguments written out; `solver` is a name that the reader has to supply."""
+def counterexample_code(
+    law: Law,
+    solver: DirectionSolver | None,
+    arguments: dict[str, Any],
+    *,
+    imports: tuple[str, ...] = (),
+    spelled: str = "",
+    remark: str = "",
+) -> str:
+    """Source of a pytest test with the arguments written out.
+
+    imports, spelled: statements and the expression that give the solver; without them `solver` is an argument of the
+    test, which the reader has to supply. remark: a comment beside the test's name.
+    """
     name = law.name.removeprefix("check_")
-    lines = [
-        "from cpgrl_opt import DirectionProblem",
-        f"from cpgrl_opt.testing import {law.name}",
-        "",
-        "",
-        f"def test_{name}_holds_here(solver):  # solver: {_one_line(repr(solver))}",
+    parameter = "" if spelled else "solver"
+    remark = remark or ("" if spelled else f"solver: {_one_line(repr(solver))}")
+    comment = f"  # {_one_line(remark)}" if remark else ""
+    call = [
+        f"def test_{name}_holds_here({parameter}):{comment}",
         f"    {law.name}(",
-        "        solver,",
+        f"        {spelled or 'solver'},",
         *(f"        {name}={_source(value, 8)}," for name, value in arguments.items()),
         "    )",
     ]
-    return "\n".join(lines) + "\n"
+    with_numpy = ["import numpy as np"] if "np." in "\n".join(call[3:]) else []
+    problem = ["from cpgrl_opt import DirectionProblem"]
+    names = [*with_numpy, *problem, f"from cpgrl_opt.testing import {law.name}", *imports]
+    return "\n".join([*names, "", "", *call]) + "\n"
 
 
 def _source(value: Any, indent: int) -> str:

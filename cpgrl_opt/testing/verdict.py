@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from ..solvers.interface import DirectionSolver, tolerance_of
 from ..validation import require_member
@@ -139,9 +140,18 @@ def check_direction_solver(
 
 
 def check_law(
-    law: Law, solver: DirectionSolver, *, reason: str = "", max_examples: int = 100, seed: int = 0
+    law: Law,
+    solver: DirectionSolver,
+    *,
+    reason: str = "",
+    max_examples: int = 100,
+    seed: int = 0,
+    spelled: tuple[tuple[str, ...], str] = ((), ""),
 ) -> CheckResult:
-    """One law put to a solver; `reason` declares that it is bound to fail."""
+    """One law put to a solver; `reason` declares that it is bound to fail.
+
+    spelled: statements and the expression by which a counterexample gets the solver; else it is left to the reader.
+    """
     if not law.applies_to(solver):
         return CheckResult(law.name, law.statement, supported=False)
     found = examine(law, solver, max_examples=max_examples, number=seed)
@@ -163,8 +173,13 @@ def check_law(
         failed=0 if reason else found.broken,
         reason=reason,
         problem=problem,
-        counterexample=counterexample_code(law, solver, found.arguments) if found.arguments else "",
+        counterexample=_code(law, solver, found.arguments, spelled) if found.arguments else "",
     )
+
+
+def _code(law: Law, solver: DirectionSolver, arguments: dict[str, Any], spelled: tuple[tuple[str, ...], str]) -> str:
+    imports, expression = spelled
+    return counterexample_code(law, solver, arguments, imports=imports, spelled=expression)
 
 
 def _solver_name(solver: DirectionSolver) -> str:

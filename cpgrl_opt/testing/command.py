@@ -1,0 +1,148 @@
+"""The body of `cpgrl check package.module:SOLVER`: a verdict on the terminal, and an exit status."""
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..validation import require_member
+from .isolation import Messages, Order, Ready, Refused, examined_apart
+from .laws import LAWS
+from .subject import CannotCheck
+from .verdict import CheckResult, Verdict
+
+HELD, BROKEN, INTERRUPTED = 0, 1, 130
+_WORDS = {"failed as expected": "excused", "unsupported": "n/a", "held, though expected to fail": "held"}
+
+
+def run_check(target: str, **settings: Any) -> int:
+    """`check_target` on a terminal: progress and the traceback of the solver's own module on stderr, Ctrl-C is 130."""
+    try:
+        return check_target(target, progress=_progress_on_terminal(len(LAWS)), **settings)
+    except CannotCheck as error:
+        sys.stderr.write(error.traceback)
+        raise
+    except KeyboardInterrupt:
+        sys.stderr.write("Interrupted.\n")
+        return INTERRUPTED
+
+
+def check_target(
+    target: str,
+    *,
+    max_examples: int = 100,
+    seed: int = 0,
+    expected_failures: Sequence[str] = (),
+    markdown: Path | None = None,
+    time_limit: float = 10.0,
+    progress: Callable[[str], None] = lambda _: None,
+    examined: Messages | None = None,
+) -> int:
+    """Checks the solver that the target names, prints the verdict, and returns 0 if all laws held, 1 if one broke.
+
+    expected_failures: "CHECK=REASON", the check with or without "check_". markdown: a file for the full verdict.
+    time_limit: seconds that one problem may take. progress: told the name of each law that is done.
+    examined: how the laws are put to it, in processes of their own unless told otherwise.
+    Raises CannotCheck where there is nothing to check, ValueError for settings that are out of range.
+    """
+    if max_examples < 1:
+        raise ValueError(f"max_examples should be an integer ≥ 1; found {max_examples}")
+    if seed < 0:
+        raise ValueError(f"seed should be an integer ≥ 0; found {seed}")
+    if not 0 < time_limit < float("inf"):
+        raise ValueError(f"time_limit should be a number of seconds > 0; found {time_limit:g}")
+    if markdown is not None and not markdown.parent.is_dir():
+        raise ValueError(f"markdown should be a file in a folder that exists; found {str(markdown)!r}")
+    order = Order(target, max_examples, seed, tuple(expected_of(expected_failures).items()), time_limit)
+    tolerance, results = 0.0, []
+    for message in (examined or examined_apart)(order, tuple(LAWS)):
+        if isinstance(message, Refused):
+            raise CannotCheck(message.message, message.traceback)
+        if isinstance(message, Ready):
+            tolerance = message.tolerance
+        elif isinstance(message, CheckResult):
+            results.append(message)
+            progress(message.check)
+    verdict = Verdict(target, tolerance, max_examples, seed, tuple(results))
+    if markdown is not None:
+        markdown.write_text(verdict.to_markdown(), encoding="utf-8")
+    sys.stdout.write(f"{verdict_text(verdict, markdown)}\n")
+    return HELD if verdict.passed else BROKEN
+
+
+def expected_of(pairs: Sequence[str]) -> dict[str, str]:
+    """{check: reason} of texts "CHECK=REASON"; ValueError for other texts and for checks that do not exist."""
+    expected = {}
+    for pair in pairs:
+        check, _, reason = pair.partition("=")
+        if not check.strip() or not reason.strip():
+            raise ValueError(f"expected_failure should be CHECK=REASON; found {pair!r}")
+        name = f"check_{check.strip().removeprefix('check_')}"
+        require_member("check in expected_failure", name, tuple(LAWS))
+        expected[name] = reason.strip()
+    return expected
+
+
+def verdict_text(verdict: Verdict, markdown: Path | None = None) -> str:
+    """Table, what is wrong with each law in a line, the shortest counterexample, and the summary last."""
+    lines = [f"{'law':33}{'run':>5}{'declined':>9}{'skipped':>8}{'expected':>9}{'failed':>7}"]
+    for result in verdict.results:
+        counts = (
+            f"{result.run:5}{result.declined:9}{result.skipped:8}{result.expected:9}{result.failed:7}"
+            if result.supported
+            else f"{'–':>5}{'–':>9}{'–':>8}{'–':>9}{'–':>7}"
+        )
+        lines.append(f"{_short(result):33}{counts}  {_WORDS.get(result.word, result.word)}")
+    for line, group in _by_problem(verdict).items():
+        names = ", ".join(_short(result) for result in group)
+        statement = group[0].statement.partition(" Source:")[0] if len(group) == 1 else ""
+        lines += ["", f"{group[0].word}: {names}", *([f"    {statement}"] if statement else []), f"    {line}"]
+        lines += [f"    expected: {group[0].reason}"] if group[0].reason else []
+    lines += _shown_counterexample(verdict)
+    rest = sum(bool(result.counterexample) for result in verdict.results) - 1
+    if rest > 0 and markdown is None:
+        lines += ["", f"{rest} more in the file that --markdown names."]
+    if markdown is not None:
+        lines += ["", f"Wrote {markdown}"]
+    settings = f"Tolerance {verdict.tolerance:g}, {verdict.max_examples} examples a law, seed {verdict.seed}."
+    return "\n".join([*lines, "", settings, verdict.summary])
+
+
+def _by_problem(verdict: Verdict) -> dict[str, list[CheckResult]]:
+    """The laws with a problem, those with the same one together."""
+    groups: dict[str, list[CheckResult]] = {}
+    for result in verdict.results:
+        if result.problem:
+            line = result.problem.partition("\n")[0]
+            key = line if not result.reason else f"{line} "  # excused ones apart
+            groups.setdefault(key, []).append(result)
+    return groups
+
+
+def _shown_counterexample(verdict: Verdict) -> list[str]:
+    """The shortest one, of failures that are not excused first."""
+    with_code = [result for result in verdict.results if result.counterexample]
+    if not with_code:
+        return []
+    shown = min(with_code, key=lambda result: (result.passed, len(result.counterexample)))
+    numbers = shown.problem.partition("\n")[2]
+    test = shown.counterexample.rstrip()
+    return ["", f"The counterexample of {_short(shown)}, as a test:", "", test, *(["", numbers] if numbers else [])]
+
+
+def _short(result: CheckResult) -> str:
+    return result.check.removeprefix("check_")
+
+
+def _progress_on_terminal(total: int) -> Callable[[str], None]:
+    """Counts the laws that are done in one line of stderr, and only on a terminal."""
+    done = 0
+
+    def tell(_: str) -> None:
+        nonlocal done
+        done += 1
+        if sys.stderr.isatty():
+            sys.stderr.write("\r\033[K" if done == total else f"\r{done} of {total} laws")
+            sys.stderr.flush()
+
+    return tell

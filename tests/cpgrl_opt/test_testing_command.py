@@ -1,0 +1,303 @@
+"""`cpgrl check`: exit status, messages, and a counterexample that runs when pasted."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from cpgrl_opt.testing import LAWS, LawBroken
+from cpgrl_opt.testing import command as command_module
+from cpgrl_opt.testing.command import expected_of
+from cpgrl_opt.testing.isolation import Order, Ready, Refused, examined_apart, examined_here
+from cpgrl_opt.testing.verdict import CheckResult
+from rl.cli import app
+
+SOLVERS_OF_A_USER = '''
+import os, time
+from cpgrl_opt import SOLVERS, Direction, Status
+
+class Good:
+    def solve(self, problem):
+        return SOLVERS["enumeration"].solve(problem)
+
+    def __repr__(self):
+        return "Good()"
+
+good = Good()
+
+class Unfinished(Good):
+    def supports(self, problem):
+        return not problem.bound.any()
+
+class Normalising(Good):
+    """Broken: a direction of length 1."""
+
+    def solve(self, problem):
+        found = super().solve(problem)
+        size = (found.value @ found.value) ** 0.5
+        return Direction(found.value / (size or 1.0), found.multipliers, found.status)
+
+def ascent(g, J, b):
+    return g
+
+class Loud(Good):
+    def solve(self, problem):
+        print("Optimal solution found!")
+        os.write(1, b"from C")
+        return super().solve(problem)
+
+class Hanging(Good):
+    def solve(self, problem):
+        while problem.m == 3:
+            time.sleep(1)
+        return super().solve(problem)
+
+class Leaving(Good):
+    def solve(self, problem):
+        if problem.m == 3:
+            os._exit(7)
+        return super().solve(problem)
+
+class NeedsAPackage:
+    def solve(self, problem):
+        raise ImportError("solver 'x' needs the package y; type: pip install y")
+
+class NeedsAnArgument:
+    def __init__(self, size):
+        pass
+
+class TakesTwo:
+    def solve(self, g, J):
+        pass
+
+def one_argument(g):
+    return g
+
+number = 3
+'''
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name in [name for name in sys.modules if name.startswith("users_")]:
+        monkeypatch.delitem(sys.modules, name)
+    (tmp_path / "users_solvers.py").write_text(SOLVERS_OF_A_USER, encoding="utf-8")
+    return tmp_path
+
+
+A_FEW = {
+    f"check_{name}": LAWS[f"check_{name}"]
+    for name in ("stationarity", "gradient_kept_when_feasible", "primal_feasibility", "silence", "batch_is_loop")
+}
+
+
+@pytest.fixture
+def cpgrl_check(folder, monkeypatch):
+    """The command in this process, with a few of the laws."""
+    monkeypatch.setattr(command_module, "examined_apart", examined_here)
+    monkeypatch.setattr(command_module, "LAWS", A_FEW)
+    monkeypatch.setattr("cpgrl_opt.testing.examination._SHRINKING_CALLS", 30)
+    return lambda *arguments: CliRunner().invoke(app, ["check", "--max-examples", "6", *map(str, arguments)])
+
+
+def test_a_good_solver_exits_with_0_and_a_row_for_every_law(cpgrl_check):
+    result = cpgrl_check("users_solvers:good")
+    assert result.exit_code == 0, result.output
+    rows = {line.split()[0]: line.split()[1:] for line in result.stdout.splitlines() if line.count(" ") > 5}
+    assert rows["law"] == ["run", "declined", "skipped", "expected", "failed"]
+    assert list(rows)[1:6] == [name.removeprefix("check_") for name in A_FEW]
+    assert rows["stationarity"] == ["6", "0", "0", "0", "0", "held"]
+    assert rows["batch_is_loop"][-1] == "n/a"
+    assert "Tolerance 1e-06, 6 examples a law, seed 0." in result.stdout
+    assert "users_solvers:good passes: of 5 laws 4 held, 1 unsupported." in result.stdout
+
+
+def test_a_bad_solver_exits_with_1_and_a_counterexample_that_runs_when_pasted(cpgrl_check, folder):
+    result = cpgrl_check("users_solvers:Normalising")
+    assert result.exit_code == 1
+    assert "FAILED: " in result.stdout
+    assert "Look at the sign of μ" in result.stdout
+    source = result.stdout[result.stdout.index("from cpgrl_opt import") :].partition("    gradient   ")[0]
+    assert "from users_solvers import Normalising" in source
+    scope = {}
+    exec(source, scope)
+    (test,) = [value for name, value in scope.items() if name.startswith("test_")]
+    with pytest.raises(LawBroken):
+        test()
+    (folder / "users_solvers.py").write_text(SOLVERS_OF_A_USER.replace("size or 1.0", "1.0"), encoding="utf-8")
+    sys.modules.pop("users_solvers")
+    exec(source, scope)
+    scope[test.__name__]()  # holds once the solver is right
+
+
+def test_a_plain_function_is_checked_through_the_adapter(cpgrl_check):
+    result = cpgrl_check("users_solvers:ascent")
+    assert result.exit_code == 1
+    assert "FAILED: primal_feasibility" in result.stdout
+    assert "FunctionSolver(ascent)" in result.stdout
+    assert "FAILED: stationarity" not in result.stdout  # d = g with μ = 0
+
+
+def test_an_expected_failure_is_excused_with_its_reason(cpgrl_check):
+    result = cpgrl_check("users_solvers:Loud", "--expected-failure", "silence=prints a banner")
+    assert result.exit_code == 0, result.output
+    assert "expected: prints a banner" in result.stdout
+    assert next(line for line in result.stdout.splitlines() if line.startswith("silence")).endswith("6      0  excused")
+
+
+def test_without_the_excuse_it_fails(cpgrl_check):
+    assert cpgrl_check("users_solvers:Loud").exit_code == 1
+
+
+def test_the_verdict_is_written_as_markdown(cpgrl_check, folder):
+    result = cpgrl_check("users_solvers:Normalising", "--markdown", folder / "verdict.md")
+    text = (folder / "verdict.md").read_text(encoding="utf-8")
+    assert text.startswith("# Verdict on users_solvers:Normalising\n")
+    assert text.count("```python\n") == text.count("FAILED\n") >= 2
+    assert "verdict.md" in result.stdout
+
+
+def test_the_seed_and_the_number_of_examples_are_those_of_the_options(cpgrl_check):
+    check = ("users_solvers:Normalising", "--expected-failure", "silence=none")
+    first = cpgrl_check(*check, "--seed", 1).stdout
+    assert "6 examples a law, seed 1" in first
+    assert cpgrl_check(*check, "--seed", 2).stdout != first.replace("seed 1", "seed 2")
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("users_solvers", "should be package.module:SOLVER"),
+        ("users_solvers:", "should be package.module:SOLVER"),
+        ("users solvers:x", "should be package.module:SOLVER"),
+        ("users_solvers:Goode", "no 'Goode' but Good"),
+        ("users_nowhere:x", "no module 'users_nowhere'"),
+        ("users_solvers.nowhere:x", "no module 'users_solvers.nowhere'"),
+        ("users_solvers:number", "found 3, without a method solve"),
+        ("users_solvers:NeedsAnArgument", "constructible without arguments"),
+        ("users_solvers:TakesTwo", "solve should take one argument"),
+        ("users_solvers:one_argument", "function should take (gradient, jacobian, bound)"),
+        ("users_solvers:NeedsAPackage", "pip install y"),
+    ],
+)
+def test_what_cannot_be_checked_exits_with_2_and_one_line(cpgrl_check, target, words):
+    result = cpgrl_check(target)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("cpgrl: ")
+    assert result.stderr.count("\n") == 1
+    assert words in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--max-examples", "0", "max_examples should be an integer ≥ 1; found 0"),
+        ("--seed", "-1", "seed should be an integer ≥ 0; found -1"),
+        ("--time-limit", "0", "time_limit should be a number of seconds > 0; found 0"),
+        ("--markdown", "nowhere/verdict.md", "markdown should be a file in a folder that exists"),
+        ("--expected-failure", "silence", "expected_failure should be CHECK=REASON; found 'silence'"),
+        ("--expected-failure", "silnce=x", "check in expected_failure should be one of check_"),
+    ],
+)
+def test_a_bad_option_exits_with_2_and_what_it_should_be(cpgrl_check, option, value, words):
+    result = cpgrl_check("users_solvers:good", option, value)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_module_that_fails_shows_its_own_traceback_and_none_of_ours(cpgrl_check, folder):
+    (folder / "users_broken.py").write_text("def f():\n    return 1 / 0\n\nf()\n", encoding="utf-8")
+    result = cpgrl_check("users_broken:f")
+    assert result.exit_code == 2
+    assert "users_broken.py" in result.stderr
+    assert "subject.py" not in result.stderr
+    assert result.stderr.splitlines()[-1] == (
+        "cpgrl: users_broken should be importable; found ZeroDivisionError: division by zero"
+    )
+
+
+def test_a_module_that_lacks_a_package_is_not_taken_for_one_that_is_not_there(cpgrl_check, folder):
+    (folder / "users_broken.py").write_text("import users_nowhere\n", encoding="utf-8")
+    result = cpgrl_check("users_broken:f")
+    assert "users_broken should be importable; found ModuleNotFoundError" in result.stderr
+    assert "Traceback" in result.stderr
+
+
+def test_without_hypothesis_it_says_what_to_type(cpgrl_check, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cpgrl_opt.testing.command", None)
+    result = cpgrl_check("users_solvers:good")
+    assert result.exit_code == 2
+
+
+def test_expected_failures_may_leave_out_the_prefix():
+    assert expected_of(["silence= a = b ", "check_scaling=x"]) == {"check_silence": "a = b", "check_scaling": "x"}
+
+
+def test_a_process_of_its_own_finds_the_current_folder_and_keeps_noise_from_stdout(folder):
+    done = subprocess.run(
+        [sys.executable, "-m", "rl.cli", "check", "users_solvers:Loud", "--max-examples", "2"],
+        capture_output=True, text=True, encoding="utf-8", timeout=300,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8"},
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert [line for line in lines if "Optimal solution" in line and "should print nothing" not in line] == []
+    assert "of 26 laws 23 held, 2 unsupported, 1 FAILED." in lines[-1]
+
+
+@pytest.mark.parametrize(
+    ("solver", "words"), [("Hanging", "no answer within 0.3 s"), ("Leaving", "the end of the process (exit code 7)")]
+)
+def test_a_solver_that_never_comes_back_costs_one_law_and_shows_its_problem(folder, solver, words):
+    order = Order(f"users_solvers:{solver}", 2, time_limit=0.3, expected=(("check_stationarity", "known"),))
+    checks = ["check_infeasible_is_called_infeasible", "check_gradient_kept_when_feasible"]
+    ready, first, second = examined_apart(order, checks)
+    assert isinstance(ready, Ready)
+    assert isinstance(first, CheckResult)
+    assert first.failed == 1
+    assert words in first.problem
+    assert f"# ends in {words}" in first.counterexample
+    compile(first.counterexample, "counterexample", "exec")
+    assert second.check == checks[1]
+    assert second.run == 2 or words in second.problem
+
+
+def test_after_three_losses_the_rest_is_not_run(folder, monkeypatch):
+    class Lost:
+        def __init__(self, *_):
+            self.messages = iter([Ready(1e-6, (), "solver"), None])
+
+        def next_message(self, _):
+            return next(self.messages)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    monkeypatch.setattr("cpgrl_opt.testing.isolation._Worker", Lost)
+    _, *results = examined_apart(Order("users_solvers:good"), list(LAWS)[:5])
+    assert [result.failed for result in results] == [1, 1, 1, 0, 0]
+    assert all("not run" in result.problem and not result.passed for result in results[3:])
+
+
+def test_a_module_that_never_imports_is_refused(folder, monkeypatch):
+    monkeypatch.setattr("cpgrl_opt.testing.isolation.START_LIMIT", 0.05)
+    (message,) = examined_apart(Order("users_solvers:good"), list(LAWS)[:1])
+    assert isinstance(message, Refused)
+
+
+def test_ctrl_c_exits_with_130(monkeypatch, capsys):
+    def interrupted(order, checks):
+        raise KeyboardInterrupt
+
+    assert command_module.run_check("a:b", examined=interrupted) == 130
+    assert "Interrupted" in capsys.readouterr().err
