@@ -83,7 +83,7 @@ def check(
     expected_failure: Annotated[
         list[str] | None, typer.Option(metavar="CHECK=REASON", help="A law that is bound to break; repeatable.")
     ] = None,
-    time_limit: Annotated[float, typer.Option(help="Seconds that one problem may take.")] = 10.0,
+    time_limit: Annotated[float, typer.Option(help="Seconds that one problem may take.")] = 30.0,
 ) -> None:
     """Put a direction solver through the conformance kit: 0 all laws held, 1 one broke, 2 could not run."""
     try:

@@ -34,7 +34,7 @@ def check_target(
     seed: int = 0,
     expected_failures: Sequence[str] = (),
     markdown: Path | None = None,
-    time_limit: float = 10.0,
+    time_limit: float = 30.0,
     progress: Callable[[str], None] = lambda _: None,
     examined: Messages | None = None,
 ) -> int:

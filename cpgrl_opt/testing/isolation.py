@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 
 from ..problem import DirectionProblem
+from ..solvers import compile_kernels
 from ..solvers.interface import tolerance_of
 from .counterexample import counterexample_code
 from .laws import LAWS, Law
 from .subject import CannotCheck, Subject, load_subject
 from .verdict import CheckResult, check_law
 
-START_LIMIT = 300.0  # s, to import the solver's module and answer one problem
+START_LIMIT = 300.0  # s, to import the solver's module, compile, and answer one problem
 MOST_LOST = 3  # laws whose process was lost before the rest is given up
 
 
@@ -37,7 +38,7 @@ class Order:
     max_examples: int = 100
     seed: int = 0
     expected: tuple[tuple[str, str], ...] = ()
-    time_limit: float = 10.0
+    time_limit: float = 30.0
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def examined_apart(order: Order, checks: Sequence[str]) -> Iterator[Message]:
         with _Worker(order, remaining) as worker:
             trying, tried = None, 0
             while remaining:
-                message = worker.next_message(START_LIMIT if ready is None else _limit(order, tried))
+                message = worker.next_message(START_LIMIT if trying is None else order.time_limit)
                 if isinstance(message, Trying):
                     trying, tried = message, tried + 1
                 elif isinstance(message, Ready) and ready is None:
@@ -105,11 +106,6 @@ def examined_apart(order: Order, checks: Sequence[str]) -> Iterator[Message]:
                     lost += 1
                     break
     yield from (_not_run(order, check) for check in remaining)
-
-
-def _limit(order: Order, tried: int) -> float:
-    """Seconds; the first problem of a process may have to compile."""
-    return order.time_limit * (6 if tried <= 1 else 1)
 
 
 class _Worker:
@@ -157,6 +153,7 @@ def _serve_quietly(order: Order, checks: Sequence[str], connection: Connection, 
     for descriptor in (1, 2):
         os.dup2(target, descriptor)
     os.close(target)
+    compile_kernels()  # of the oracle that the laws compare with: not in the solver's time
     _serve(order, checks, connection.send)
 
 
