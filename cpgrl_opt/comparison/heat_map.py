@@ -21,39 +21,43 @@ def heat_maps(findings: Findings) -> Markup:
 
 
 def _heat_map(findings: Findings, kind: str, variant: str, number: str) -> Markup:
-    pool = findings.prepared if variant == "prepared" else findings.raw
+    pool = [each for each in (findings.tally(solver, variant) for solver in findings.solvers) if each is not None]
     solvers = [each.solver for each in pool]
-    heads = [element("th", "family", scope="col", data_column=0)]
+    heads = [column_head("family", 0)]
     heads += [column_head(solver, column, class_="upright") for column, solver in enumerate(solvers, 1)]
-    rows = [[_all_head(), *(_total(kind, each) for each in pool)]]
     met = [family for family in findings.families if any((s, variant, family) in findings.cells for s in solvers)]
-    for order, family in enumerate(met):
-        cells = [findings.cells.get((solver, variant, family)) for solver in solvers]
-        rows.append([_family_head(family, order), *(_cell(kind, cell) for cell in cells)])
+    shown = [family for family in met if kind == "success" or _is_wrong_anywhere(findings, variant, family)]
+    rows = [
+        [_family_head(family, order), *(_cell(kind, findings.cells.get((s, variant, family))) for s in solvers)]
+        for order, family in enumerate(shown)
+    ]
+    lead, more, label = _words(kind, variant, len(met) - len(shown))
+    total = [row_head(element("b", "all families")), *(_total(kind, each) for each in pool)]
+    return table(caption(number, lead, more), [heads], rows, label=label, class_="heat", total=total)
+
+
+def _is_wrong_anywhere(findings: Findings, variant: str, family: str) -> bool:
+    cells = (findings.cells.get((solver, variant, family)) for solver in findings.solvers)
+    return any(cell is not None and cell.silently_wrong for cell in cells)
+
+
+def _words(kind: str, variant: str, left_out: int) -> tuple[str, Markup, str]:
+    """Caption in two parts, and the short name."""
     words = _VARIANT_WORDS[variant]
     if kind == "success":
         lead = f"Success, {words}: percent of the problems of a family that a solver takes."
-        more = join(
-            [
-                "Dark is all, pale is none (in dark mode bright is all). ",
-                element("span", "▲2", class_="flag"),
-                " counts answers in the cell that are silently wrong. Hatched: not taken.",
-            ]
-        )
-        label = f"Success by family and solver, {words}"
-    else:
-        lead = f"Silently wrong, {words}: percent of answers that claim to be optimal and are not."
-        more = join(["A dot is none: the best result. Hatched: not taken."])
-        label = f"Silently wrong by family and solver, {words}"
-    return table(caption(number, lead, more), [heads], rows, label=label, class_="heat")
+        flag = element("span", "▲2", class_="flag")
+        more = join(["The stronger the blue, the more. ", flag, " counts silently wrong answers. Hatched: not taken."])
+        return lead, more, f"Success by family and solver, {words}"
+    lead = f"Silently wrong, {words}: percent of the problems taken that are claimed optimal and are not."
+    text = "A dot is none: the best result. Hatched: not taken."
+    if left_out:
+        text += f" Left out: {left_out} families in which no solver is silently wrong."
+    return lead, join([text]), f"Silently wrong by family and solver, {words}"
 
 
 def _family_head(family: str, order: int) -> Markup:
     return row_head(element("a", family, href=f"#family-{family}"), value=order)
-
-
-def _all_head() -> Markup:
-    return row_head(element("b", "all families"), value=-1)
 
 
 def _total(kind: str, each: Tally) -> Markup:

@@ -10,9 +10,9 @@ def number_cell(text: str, value: float | None, class_: str | None = None, note:
     return element("td", text, class_=class_, data_value="" if value is None else f"{value:.12g}", title=note)
 
 
-def text_cell(*children: str) -> Markup:
+def text_cell(*children: str, class_: str = "words") -> Markup:
     """Words, which are sorted by the alphabet."""
-    return element("td", *children, class_="words")
+    return element("td", *children, class_=class_)
 
 
 def row_head(*children: str, id_: str | None = None, value: float | None = None) -> Markup:
@@ -30,6 +30,11 @@ def group_head(title: str, columns: int, note: str | None = None) -> Markup:
     return element("th", title, scope="colgroup", colspan=columns, title=note, class_="group")
 
 
+def column_heads(titles: Sequence[str], words: Sequence[str] = ()) -> list[Markup]:
+    """A head for each title; those of `words` stand above words."""
+    return [column_head(title, place, class_="words" if title in words else None) for place, title in enumerate(titles)]
+
+
 def table(
     caption: Markup,
     heads: Sequence[Sequence[Markup]],
@@ -37,11 +42,16 @@ def table(
     *,
     label: str,
     class_: str = "",
+    total: Sequence[Markup] = (),
 ) -> Markup:
-    """The table in its box, under its caption. label: a short name, told to those who cannot see."""
+    """The table in its box, under its caption.
+
+    label: a short name, told to those who cannot see; total: a row that stays on top however the others are sorted.
+    """
     head = element("thead", *(element("tr", *cells) for cells in heads))
+    above = element("tbody", element("tr", *total), class_="total") if total else None
     body = element("tbody", *(element("tr", *cells) for cells in rows))
-    inner = element("table", head, body, class_=f"sortable {class_}".strip(), aria_label=label)
+    inner = element("table", head, above, body, class_=f"sortable {class_}".strip(), aria_label=label)
     box = element("div", inner, class_="scroll", tabindex="0", role="region", aria_label=f"{label} (scrolls)")
     return element("figure", element("figcaption", caption), box, class_="table")
 

@@ -36,5 +36,6 @@ def _bar(variant: str, each: Tally) -> Markup:
         "div", *parts, class_="bar", role="img", aria_label=f"{each.solver} {variant}: {spoken}", title=spoken
     )
     share = percent_text(each.percent("success"))
-    note = f"{variant} {share} %, n = {each.taken}"
-    return element("div", bar, element("span", note, class_="note"), class_="bar-line")
+    of = f" of {each.problems}" if each.taken < each.problems else ""
+    note = element("div", f"{variant} {share} %", element("span", f", n = {each.taken}{of}"), class_="note")
+    return element("div", bar, note, class_="bar-line")

@@ -9,8 +9,8 @@ from .profiles import Key, Profile
 from .wording import percent_text
 
 _COLOURS = 7
-_WIDTH, _HEIGHT = 860.0, 420.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 148.0, 12.0, 44.0
+_WIDTH, _HEIGHT = 880.0, 420.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 168.0, 12.0, 44.0
 _LABEL_GAP = 15.0
 
 
@@ -77,7 +77,7 @@ def _labels(axes: _Axes, keys: Sequence[Key], profiles: Mapping[Key, Profile]) -
         line = f"M{_short(axes.right)} {_short(end)}L{_short(axes.right + 14)} {_short(place)}h6"
         found.append(element("path", d=line, class_=f"leader {_style(rank)}"))
         share = percent_text(100 * profiles[key].at(math.inf))
-        found.append(element("text", f"{key[0]} {share}", x=_short(axes.right + 24), y=_short(place + 4)))
+        found.append(element("text", f"{key[0]} {share} %", x=_short(axes.right + 24), y=_short(place + 4)))
     return element("g", *found, class_="labels", aria_hidden="true")
 
 
@@ -132,7 +132,7 @@ def panels(findings: Findings) -> Markup:
         for (_, variant), profile in findings.common.items()
         if variant == "prepared"
     ]
-    field = element("g", _grid(axes, 11), element("g", *others, class_="others"), id="field")
+    field = element("g", _grid(axes, 11), element("g", *others, class_="others"), id="field", class_="field")
     definitions = element("defs", field)
     shared = element("svg", definitions, width="0", height="0", class_="shared", aria_hidden="true")
     found = [_panel(axes, solver, findings.common) for solver in findings.solvers]
@@ -143,6 +143,8 @@ def _panel(axes: _Axes, solver: str, profiles: Mapping[Key, Profile]) -> Markup:
     own = [(variant, profiles[solver, variant]) for variant in ("raw", "prepared") if (solver, variant) in profiles]
     curves = [element("path", d=axes.curve(profile), class_=f"own {variant}") for variant, profile in own]
     words = ", ".join(f"{variant} {percent_text(100 * profile.at(math.inf))} %" for variant, profile in reversed(own))
-    drawing = element("svg", element("use", href="#field"), *curves, viewbox="0 0 180 114", role="img",
+    drawing = element("svg", element("use", href="#field"), *curves, viewbox="0 0 190 114", role="img",
                       aria_label=f"{solver}: share solved in the end: {words}")  # fmt: skip
-    return element("figure", drawing, element("figcaption", element("b", solver), f" {words}"), class_="panel")
+    return element(
+        "figure", drawing, element("figcaption", element("b", solver), element("span", words)), class_="panel"
+    )

@@ -1,6 +1,6 @@
 // Headings become buttons that sort their table; without JavaScript the tables stand in the order of the report.
 for (const table of document.querySelectorAll("table.sortable")) {
-  const body = table.tBodies[0];
+  const body = table.tBodies[table.tBodies.length - 1]; // a total before it stays
   const heads = table.querySelectorAll("th[data-column]");
   for (const head of heads) {
     const button = document.createElement("button");

@@ -73,13 +73,16 @@ def _pooled_ratio(cells: Iterable[Cell]) -> float | None:
 
 
 def tallies(cells: Sequence[Cell], variant: str) -> list[Tally]:
-    """One per solver that has this variant: most successes first, then the fewest unsafe, the fastest, the name."""
+    """One per solver that has this variant, the best first.
+
+    Best: the most successes per problem, taken or not, then the fewest unsafe answers, the fastest, the name.
+    """
     solvers = dict.fromkeys(cell.solver for cell in cells if cell.variant == variant)
     return sorted((tally(solver, variant, cells) for solver in solvers), key=_rank)
 
 
 def _rank(each: Tally) -> tuple[float, int, float, str]:
-    return (-(each.percent("success") or 0.0), each.unsafe, each.time_ratio or math.inf, each.solver)
+    return -each.solved, each.unsafe, each.time_ratio or math.inf, each.solver
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,9 @@ def percent_text(value: float | None, digits: int = 1) -> str:
     if value in (0.0, 100.0):
         return f"{value:.0f}"
     unit = 10.0**-digits
-    inside = min(max(value, unit), 100.0 - unit)
+    if value < unit:
+        return f"<{unit:.{digits}f}"
+    inside = min(value, 100.0 - unit)
     return f"{math.floor(inside / unit + 1e-6) * unit:.{digits}f}"
 
 
@@ -79,9 +81,9 @@ def choice_sentences(choice: Choice, default_solver: str) -> list[str]:
             f"{_merits(choice.second, default_solver)}."
         )
     found += [
-        f"Where every problem is one that it takes ({', '.join(each.families)}), {each.solver} solves all at "
-        f"{ratio_text(each.time_ratio)} of {default_solver}'s time, {choice.first.solver} at "
-        f"{ratio_text(each.choice_time_ratio)}."
+        f"Where every problem is one that it takes ({', '.join(each.families)}), {each.solver} solves all, in "
+        f"{ratio_text(each.time_ratio)} × {default_solver}'s time against {choice.first.solver}'s "
+        f"{ratio_text(each.choice_time_ratio)} ×."
         for each in choice.specialists
     ]
     return found
@@ -90,13 +92,13 @@ def choice_sentences(choice: Choice, default_solver: str) -> list[str]:
 def _merits(each: Tally, default_solver: str) -> str:
     return (
         f"{percent_text(each.percent('success'))} % success on {each.taken} of {each.problems} problems, "
-        f"{unsafe_text(each)}, {ratio_text(each.time_ratio)} times {default_solver}'s time"
+        f"{unsafe_text(each)}, mean time {ratio_text(each.time_ratio)} × {default_solver}'s with failures at the limit"
     )
 
 
 def unsafe_text(each: Tally) -> str:
     """Its unsafe answers by kind, or that there are none."""
-    kinds = [f"{each.count(outcome)} {outcome.replace('-', ' ')}" for outcome in UNSAFE if each.count(outcome)]
+    kinds = [f"{outcome.replace('-', ' ')} {each.count(outcome)}" for outcome in UNSAFE if each.count(outcome)]
     return ", ".join(kinds) if kinds else "no unsafe answer"
 
 
