@@ -99,6 +99,21 @@ def check(
         )  # fmt: skip
 
 
+@app.command()
+def export(
+    recording: Annotated[Path, typer.Argument(help="subproblems.npz, as --record writes it.")],
+    test_set: Annotated[Path, typer.Argument(help="Parquet file to write, a test set of qpbenchmark.")],
+) -> None:
+    """Write recorded direction problems as a test set of qpbenchmark."""
+    from cpgrl_opt.comparison.export import export_recording
+    from cpgrl_opt.comparison.recording import load_recording
+
+    with _clean_errors():
+        recorded = load_recording(recording)
+        export_recording(recorded, test_set)
+    typer.echo(f"Wrote {len(recorded)} problems into {test_set}")
+
+
 @reproduce.command("three-state")
 def three_state(
     runs: Annotated[int, typer.Option(help="Independent runs of each method.")] = 20,

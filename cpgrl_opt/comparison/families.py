@@ -14,6 +14,7 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from . import generators as draw
+from .recording import shipped_problem
 
 Draw = Callable[[np.random.Generator], DirectionProblem]
 
@@ -138,6 +139,15 @@ def _special() -> Iterator[ProblemFamily]:
     yield case("far-bounds", "bounds that never bind must not set the scale of a tolerance", draw.far_bounds)
 
 
+def _recorded() -> Iterator[ProblemFamily]:
+    case = partial(ProblemFamily, feasible=True, well_posed=True)
+    for name, experiment in (("three-state", "the three-state MDP"), ("arm", "the two-link arm")):
+        for suffix, equality, what in (("", True, "as met"), ("-cone", False, "with inequalities for equalities")):
+            make = partial(shipped_problem, name=name, equality=equality)
+            reason = f"met while CPGRL was trained on {experiment}, {what}: what a solver is for"
+            yield case(f"recorded-{name}{suffix}", reason, make, equality=equality)
+
+
 def _infeasible() -> Iterator[ProblemFamily]:
     case = partial(ProblemFamily, feasible=False, well_posed=False)
     farkas = "Farkas: y ≥ 0, Jᵀy = 0, bᵀy > 0, so that no d has Jd ≥ b"
@@ -162,7 +172,7 @@ def _by_name(families: Iterable[ProblemFamily]) -> Mapping[str, ProblemFamily]:
 
 
 FAMILIES: Mapping[str, ProblemFamily] = _by_name(
-    family for group in (_regular, _angles, _dependent, _scales, _special, _infeasible) for family in group()
+    family for group in (_regular, _angles, _dependent, _scales, _special, _recorded, _infeasible) for family in group()
 )
 
 

@@ -7,8 +7,8 @@ without unpickling anything, and the same problems give the same bytes.
 import zipfile
 import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +101,10 @@ class Recording:
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         return Recording(**arrays, trainings=self.trainings, selection=self.selection)
 
+    def as_inequalities(self) -> "Recording":
+        """The same with Jᵢd ≥ bᵢ for every Jᵢd = bᵢ: what the formulation "cone" asks at the same θ."""
+        return replace(self, equality=np.zeros_like(self.equality))
+
     def save(self, path: Path) -> None:
         """Writes the `.npz`; the same recording, the same bytes."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
@@ -157,6 +161,18 @@ def shipped_recording(name: str) -> Recording:
     if name not in SHIPPED:
         raise ValueError(f"a shipped recording should be one of {', '.join(SHIPPED)}; found {name!r}")
     return load_recording(Path(__file__).with_name("recorded") / f"{name}.npz")
+
+
+def shipped_problem(rng: np.random.Generator, name: str, *, equality: bool) -> DirectionProblem:
+    """One of the problems of a shipped recording, as it was or with inequalities in place of the equalities."""
+    problems = _shipped_problems(name, equality)
+    return problems[int(rng.integers(len(problems)))]
+
+
+@cache
+def _shipped_problems(name: str, equality: bool) -> Sequence[DirectionProblem]:
+    recording = shipped_recording(name)
+    return (recording if equality else recording.as_inequalities()).problems
 
 
 def _contents(path: Path) -> dict[str, np.ndarray]:

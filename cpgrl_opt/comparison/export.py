@@ -1,0 +1,75 @@
+"""Direction problems as a test set of qpbenchmark (Caron et al.): a Parquet file that its `ParquetTestSet` reads.
+
+    min ½xᵀPx + qᵀx   s.t.   Gx ≤ h,   Ax = b,   lb ≤ x ≤ ub        P = I, q = −g, G = −J_I, h = −b_I, A = J_E
+
+One row per problem; matrices flattened row by row, null where a part is missing, and a name.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..problem import DirectionProblem
+from ..solvers.interface import MissingPackageError
+from .recording import PARTS, Recording
+
+COLUMNS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
+_AT_ONCE = 64  # problems of one row group: P alone has n² numbers
+
+
+class MissingExportError(MissingPackageError):
+    """Parquet files need a package that is not installed; the message is the command that installs it."""
+
+    def __init__(self) -> None:
+        ImportError.__init__(
+            self, "the export to Parquet needs the package pyarrow, which is not installed; type: "
+            "pip install 'cpgrl-opt[export]'"
+        )  # fmt: skip
+
+
+def write_test_set(problems: Sequence[DirectionProblem], names: Sequence[str], path: Path) -> None:
+    """The Parquet file; rows that are switched off (b = −∞) are left out.
+
+    Raises MissingExportError without pyarrow, ValueError unless there is one name for each problem.
+    """
+    if len(names) != len(problems):
+        raise ValueError(f"names should be {len(problems)}, one for each problem; found {len(names)}")
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise MissingExportError from error
+    numbers = pyarrow.list_(pyarrow.float64())
+    schema = pyarrow.schema([*((column, numbers) for column in COLUMNS), ("name", pyarrow.string())])
+    with pyarrow.parquet.ParquetWriter(path, schema) as writer:
+        for first in range(0, len(problems), _AT_ONCE):
+            chunk = slice(first, first + _AT_ONCE)
+            rows = [
+                {**_row(problem), "name": name} for problem, name in zip(problems[chunk], names[chunk], strict=True)
+            ]
+            writer.write_table(pyarrow.Table.from_pylist(rows, schema))
+
+
+def export_recording(recording: Recording, path: Path) -> None:
+    """A recording as a test set; a problem is called by training, run, episode and part."""
+    write_test_set(recording.problems, list(_names(recording)), path)
+
+
+def _names(recording: Recording) -> Iterator[str]:
+    columns = (recording.training, recording.run, recording.episode, recording.part)
+    for training, run, episode, part in zip(*columns, strict=True):
+        words = PARTS[part].replace(" ", "-")
+        yield f"{recording.trainings[training]}-run{run}-episode{episode}-{words}"
+
+
+def _row(problem: DirectionProblem) -> dict[str, Any]:
+    inequality = ~problem.equality & (problem.bound > -np.inf)
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    row["P"], row["q"] = np.eye(problem.n).ravel(), -problem.gradient
+    if inequality.any():
+        row["G"], row["h"] = -problem.jacobian[inequality].ravel(), -problem.bound[inequality]
+    if problem.equality.any():
+        row["A"], row["b"] = problem.jacobian[problem.equality].ravel(), problem.bound[problem.equality]
+    return row

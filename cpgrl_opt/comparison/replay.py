@@ -1,0 +1,108 @@
+"""Recorded problems put to a solver again: as a family of problems, and in the order met, cold or warm-started."""
+
+from dataclasses import dataclass
+from inspect import signature
+from time import process_time
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..direction import Status
+from ..kkt import kkt_residuals
+from ..problem import DirectionProblem
+from ..solvers.interface import DirectionSolver
+from .families import ProblemFamily
+from .recording import Recording
+
+_WELL_POSED = 1e-7  # smallest singular value of the active unit rows: below it float64 does not tell the direction
+_CONSISTENT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a solver did on each problem of a recording, in the recording's order; was_warm: from a warm start.
+
+    status, iterations (as the method counts them): (P,); worst: (P,), the referee's worst residual; seconds: (P,) of
+    CPU, each the least over the repetitions.
+    """
+
+    was_warm: bool
+    status: Int[np.ndarray, "P"]
+    iterations: Int[np.ndarray, "P"]
+    worst: Float[np.ndarray, "P"]
+    seconds: Float[np.ndarray, "P"]
+
+
+def replay(recording: Recording, solver: DirectionSolver, *, warm: bool = False, repeats: int = 1) -> Replay:
+    """Every sequence from its beginning, `repeats` times, in one workspace for each where the solver has such.
+
+    warm: each problem but a sequence's first starts at the answer to the one before; ValueError for a solver without
+    an explicit warm start, which is a method `session(n, m, warm_start=...)`.
+    """
+    if warm and not _has_session(solver):
+        raise ValueError(f"solver should have a session with warm_start to be replayed warm; found {solver!r}")
+    if repeats < 1:
+        raise ValueError(f"repeats should be an integer ≥ 1; found {repeats!r}")
+    count = len(recording)
+    status, iterations = np.zeros((2, count), np.int64)
+    done = Replay(warm, status, iterations, np.zeros(count), np.full(count, np.inf))
+    for _ in range(repeats):
+        for sequence in recording.sequences:
+            first = recording.problems[sequence[0]]
+            if _has_session(solver):
+                session: Any = solver
+                asked = session.session(first.n, first.m, warm_start=warm)
+            else:
+                asked = solver
+            for index in sequence:
+                _solve(asked, recording.problems[index], index, done)
+    return done
+
+
+def _solve(solver: DirectionSolver, problem: DirectionProblem, index: int, done: Replay) -> None:
+    begun = process_time()
+    direction = solver.solve(problem)
+    seconds = process_time() - begun
+    done.status[index] = Status(direction.status)
+    done.iterations[index] = getattr(direction, "iterations", 0)
+    done.worst[index] = kkt_residuals(problem, direction).worst
+    done.seconds[index] = min(done.seconds[index], seconds)
+
+
+def _has_session(solver: DirectionSolver) -> bool:
+    session: Any = getattr(solver, "session", None)
+    return session is not None and "warm_start" in signature(session).parameters
+
+
+def recorded_family(recording: Recording, name: str) -> ProblemFamily:
+    """The recording's problems, drawn evenly, as a family of the comparison.
+
+    feasible: whether every problem's active rows can be met with equality, which suffices; well_posed: whether these
+    rows are independent, σ_min ≥ 1e-7 on unit rows. ValueError for a recording without problems.
+    """
+    if not len(recording):
+        raise ValueError("a family should have a problem; found a recording of none")
+    facts = [_facts(problem) for problem in recording.problems]
+
+    def draw(rng: np.random.Generator) -> DirectionProblem:
+        return recording.problems[rng.integers(len(recording))]
+
+    return ProblemFamily(
+        name, f"problems met in training ({', '.join(recording.trainings)})", draw,
+        feasible=all(feasible for feasible, _ in facts), equality=bool(recording.equality.any()),
+        well_posed=all(well_posed for _, well_posed in facts), is_large=recording.gradient.shape[1] > 100,
+    )  # fmt: skip
+
+
+def _facts(problem: DirectionProblem) -> tuple[bool, bool]:
+    active = problem.bound > -np.inf
+    J, b = problem.jacobian[active], problem.bound[active]
+    norms = np.linalg.norm(J, axis=1)
+    if not norms.all():
+        return bool((b[norms == 0] == 0).all()), False
+    J, b = J / norms[:, None], b / norms
+    least: np.ndarray = np.linalg.lstsq(J, b, rcond=_WELL_POSED)[0]
+    size = np.abs(b).max(initial=0.0)
+    independent = bool(np.linalg.svd(J, compute_uv=False).min(initial=1.0) >= _WELL_POSED) and len(J) <= problem.n
+    return bool(np.abs(J @ least - b).max(initial=0.0) <= _CONSISTENT * size), independent

@@ -1,0 +1,65 @@
+import sys
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, DirectionProblem
+from cpgrl_opt.comparison.export import COLUMNS, export_recording, write_test_set
+from cpgrl_opt.comparison.recording import shipped_recording
+
+PROBLEMS = [
+    DirectionProblem([1.0, -2.0, 0.5], [[1.0, 0.2, 0.0], [0.0, 1.0, -1.0]], bound=[0.5, -np.inf]),
+    DirectionProblem([1.0, -2.0, 0.5], [[1.0, 0.2, 0.0], [0.0, 1.0, -1.0]], bound=[0.5, 0.1], equality=[False, True]),
+    DirectionProblem([1.0, 2.0], [[1.0, 0.0]], bound=[-np.inf]),
+    DirectionProblem([1.0, 2.0], [[1.0, 1.0]], equality=True),
+]
+
+
+def as_qpbenchmark_reads(path):
+    """Its rule: matrices are rows of q's size; what is no array is passed on as it is. Yields keyword arguments."""
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: the extra 'export'")
+    table = parquet.read_table(path)
+    assert tuple(table.column_names) == (*COLUMNS, "name")
+    for row in table.to_pylist():
+        name, n = row.pop("name"), len(row["q"])
+        arrays = {key: value if value is None else np.array(value) for key, value in row.items()}
+        for key in ("P", "G", "A"):
+            if arrays[key] is not None:
+                arrays[key] = arrays[key].reshape(-1, n)
+        yield name, arrays
+
+
+def test_a_test_set_read_back_has_the_same_solutions(tmp_path):
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed: the extra 'export'")
+    qpsolvers = pytest.importorskip("qpsolvers")
+    write_test_set(PROBLEMS, list("wxyz"), tmp_path / "set.parquet")
+    read = list(as_qpbenchmark_reads(tmp_path / "set.parquet"))
+    assert [name for name, _ in read] == list("wxyz")
+    for problem, (_, arrays) in zip(PROBLEMS, read, strict=True):
+        solution = qpsolvers.solve_problem(qpsolvers.Problem(**arrays), "quadprog")
+        np.testing.assert_allclose(solution.x, SOLVERS["active-set"].solve(problem).value, atol=1e-9)
+
+
+def test_a_recording_is_exported_bit_for_bit_under_names_that_tell_where_problems_come_from(tmp_path):
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed: the extra 'export'")
+    recording = shipped_recording("three-state").chosen(slice(0, 70))
+    export_recording(recording, tmp_path / "set.parquet")
+    read = list(as_qpbenchmark_reads(tmp_path / "set.parquet"))
+    assert len({name for name, _ in read}) == len(read) == 70
+    assert read[1][0] == f"cpgrl-run0-episode{recording.episode[1]}-restoration"
+    for problem, (_, arrays) in zip(recording.problems, read, strict=True):
+        assert np.array_equal(arrays["q"], -problem.gradient)
+        assert np.array_equal(arrays["A"], problem.jacobian[problem.equality])
+        assert np.array_equal(arrays["b"], problem.bound[problem.equality])
+        assert arrays["G"] is None
+
+
+def test_without_pyarrow_the_message_is_what_to_type(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ImportError, match=r"pip install 'cpgrl-opt\[export\]'"):
+        write_test_set(PROBLEMS[:1], ["x"], tmp_path / "set.parquet")
+
+
+def test_problems_without_a_name_each_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="names should be 4, one for each problem; found 1"):
+        write_test_set(PROBLEMS, ["x"], tmp_path / "set.parquet")
