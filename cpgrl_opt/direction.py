@@ -59,14 +59,17 @@ class DirectionError(RuntimeError):
 class Direction:
     """d = g + Jᵀμ with its multipliers μ (≥ 0 on inequalities) and what is claimed of it.
 
-    value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0).
-    iterations: as the method counts them. Source: §2.3 of the paper, where λ = −μ.
+    In a metric Md = g + Jᵀμ, in a ball κMd = g + Jᵀμ. value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y
+    (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0; or bᵀy > radius ‖Jᵀy‖_M⁻¹ where the ball misses the constraints).
+    iterations: as the method counts them; radius_multiplier κ ≥ 0: 0 where the ball is slack, or there is none.
+    Source: §2.3 of the paper, where λ = −μ.
     """
 
     value: Vector
     multipliers: Multipliers
     status: Status
     iterations: int = 0
+    radius_multiplier: float = 0.0
 
     def raise_for_status(self) -> None:
         """DirectionError with the status' advice unless the direction is OPTIMAL."""
@@ -78,22 +81,26 @@ class Direction:
 class DirectionBatch(Sequence[Direction]):
     """B directions as stacked arrays; reads as a sequence of `Direction`.
 
-    value: (B, n); multipliers: (B, m); status, iterations: (B,), statuses as their integers.
+    value: (B, n); multipliers: (B, m); status, iterations: (B,), statuses as their integers; radius_multiplier: (B,),
+    None where all are 0.
     """
 
     value: Float[np.ndarray, "B n"]
     multipliers: Float[np.ndarray, "B m"]
     status: Int[np.ndarray, "B"]
     iterations: Int[np.ndarray, "B"]
+    radius_multiplier: Float[np.ndarray, "B"] | None = None
 
     @classmethod
     def stack(cls, directions: Sequence[Direction]) -> "DirectionBatch":
         """The same directions in stacked arrays; at least one."""
+        radius_multiplier = np.array([getattr(direction, "radius_multiplier", 0.0) for direction in directions])
         return cls(
             np.stack([direction.value for direction in directions]),
             np.stack([direction.multipliers for direction in directions]),
             np.array([direction.status for direction in directions], dtype=np.int64),
             np.array([getattr(direction, "iterations", 0) for direction in directions], dtype=np.int64),
+            radius_multiplier if radius_multiplier.any() else None,
         )
 
     def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
@@ -102,7 +109,11 @@ class DirectionBatch(Sequence[Direction]):
         fresh = (others.value, others.multipliers, others.status, others.iterations)
         for part, replacement in zip(parts, fresh, strict=True):
             part[mask] = replacement
-        return DirectionBatch(*parts)
+        if self.radius_multiplier is None and others.radius_multiplier is None:
+            return DirectionBatch(*parts)
+        kappa = np.zeros(len(self)) if self.radius_multiplier is None else self.radius_multiplier.copy()
+        kappa[mask] = 0.0 if others.radius_multiplier is None else others.radius_multiplier
+        return DirectionBatch(*parts, kappa)
 
     def __len__(self) -> int:
         return len(self.value)
@@ -114,11 +125,16 @@ class DirectionBatch(Sequence[Direction]):
     def __getitem__(self, index: int | slice) -> "Direction | DirectionBatch":
         if isinstance(index, slice):
             return DirectionBatch(
-                self.value[index], self.multipliers[index], self.status[index], self.iterations[index]
+                self.value[index],
+                self.multipliers[index],
+                self.status[index],
+                self.iterations[index],
+                None if self.radius_multiplier is None else self.radius_multiplier[index],
             )
         return Direction(
             self.value[index],
             self.multipliers[index],
             Status(int(self.status[index])),
             int(self.iterations[index]),
+            0.0 if self.radius_multiplier is None else float(self.radius_multiplier[index]),
         )

@@ -7,7 +7,23 @@ With unit rows Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖, μ̂ᵢ = μ�
     complementarity  max |min(μ̂ᵢ, Ĵᵢd − b̂ᵢ)| / σ  on I
     stationarity     (‖d − g − Jᵀμ‖ − min(8·eps·Σ|μ̂ᵢ|, 1e-5·σ))₊ / σ
 
-Nocedal & Wright, Numerical Optimization, Theorem 12.1; here they are sufficient, the problem being strictly convex.
+In a metric M = LLᵀ all of it is measured where M = I: on Lᵀd, L⁻¹g and JL⁻ᵀ, with the same μ. Lengths of directions
+are then √(dᵀMd), those of gradients and rows √(gᵀM⁻¹g), whatever L and whatever the units of single parameters, and
+stationarity is Md − g − Jᵀμ.
+
+In a ball of the given radius g is no direction: its length says nothing about d's, and there are two units. Forces (g,
+μ̂ᵢ, κ‖d‖) are measured by γ = ‖g‖ (the largest force where g = 0), lengths (d, b̂ᵢ, radius) by λ, the larger of ‖d‖ and
+the smallest length that the problem names: the radius or any |b̂ᵢ| ≠ 0. So neither a huge radius nor a huge slack bound
+lets a violation pass, and d = 1e-20 for 0 is no violation. The ball is one more constraint, with the unit inward normal
+−d/‖d‖, the slack radius − ‖d‖ and the multiplier κ̂ = κλ:
+
+    primal           max of (b̂ᵢ − Ĵᵢd)₊ / λ on I, |b̂ᵢ − Ĵᵢd| / λ on E, (‖d‖ − radius)₊ / λ
+    dual             max of (−μ̂ᵢ)₊ / γ on I, (−κ̂)₊ / γ
+    complementarity  max of |min(μ̂ᵢ/γ, (Ĵᵢd − b̂ᵢ)/λ)| on I, |min(κ̂/γ, (radius − ‖d‖)/λ)|
+    stationarity     (‖κd − g − Jᵀμ‖ − min(8·eps·(Σ|μ̂ᵢ| + |κ̂|), 1e-5·γ))₊ / γ
+
+Nocedal & Wright, Numerical Optimization, Theorem 12.1; without a radius they are sufficient, the problem being strictly
+convex. With one they are sufficient too, the problem being convex; but which of several optima it is they do not say.
 """
 
 from dataclasses import dataclass
@@ -16,15 +32,17 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from .arrays import Mask, Multipliers, Vector
-from .problem import DirectionProblem, lengths, unit_rows
+from .problem import DirectionProblem, euclidean, lengths, unit_rows
 from .validation import require_shape
 
 _EPS = float(np.finfo(np.float64).eps)
+# What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
+_ROUNDED_GAIN = 8 * _EPS
 
 
 @runtime_checkable
 class HasValueAndMultipliers(Protocol):
-    """All that the referee reads of an answer."""
+    """All that the referee reads of an answer; and `radius_multiplier`, 0 where it has none."""
 
     @property
     def value(self) -> Any:
@@ -50,6 +68,9 @@ class KKTResiduals:
         return max(self.stationarity, self.primal, self.dual, self.complementarity)
 
 
+_HOPELESS = KKTResiduals(np.inf, np.inf, np.inf, np.inf)
+
+
 def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) -> KKTResiduals:
     """Residuals of (d, μ) = (direction.value, direction.multipliers) as the module's head defines them.
 
@@ -58,8 +79,14 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     d, mu = np.asarray(direction.value, dtype=np.float64), np.asarray(direction.multipliers, dtype=np.float64)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
+    if problem.metric is not None or problem.radius is not None:
+        return _residuals_in_geometry(problem, d, mu, float(getattr(direction, "radius_multiplier", 0.0)))
+    return _euclidean_residuals(problem, d, mu)
+
+
+def _euclidean_residuals(problem: DirectionProblem, d: Vector, mu: Multipliers) -> KKTResiduals:
     if not (np.isfinite(d).all() and np.isfinite(mu).all()):
-        return KKTResiduals(np.inf, np.inf, np.inf, np.inf)
+        return _HOPELESS
     # The largest entry first: σ itself may overflow.
     unit = max(_largest(np.abs(problem.gradient)), _largest(np.abs(d)))
     rows = unit_rows(problem.jacobian)
@@ -70,7 +97,7 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     with np.errstate(over="ignore"):
         bound, mu = bound / unit, rows.times_length(mu, unit)
     if not np.isfinite(mu).all():  # overflows in units of σ
-        return KKTResiduals(np.inf, np.inf, np.inf, np.inf)
+        return _HOPELESS
     return _relative_residuals(problem, rows.jacobian, (bound, mu), (d / unit, problem.gradient / unit))
 
 
@@ -94,17 +121,59 @@ def _relative_residuals(
     )
 
 
+def _residuals_in_geometry(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> KKTResiduals:
+    """In the coordinates where M = I."""
+    flat = euclidean(problem)
+    with np.errstate(over="ignore", invalid="ignore"):
+        d = d if problem.whitening is None else problem.whitening.direction(d)
+    if not (np.isfinite(flat.gradient).all() and np.isfinite(flat.jacobian).all()):
+        return _HOPELESS
+    if problem.radius is None:
+        return _euclidean_residuals(flat, d, mu)
+    if not (np.isfinite(d).all() and np.isfinite(mu).all() and np.isfinite(kappa)):
+        return _HOPELESS
+    return _residuals_in_ball(flat, d, (mu, kappa), problem.radius)
+
+
+def _residuals_in_ball(
+    problem: DirectionProblem, d: Vector, forces: tuple[Multipliers, float], radius: float
+) -> KKTResiduals:
+    rows = unit_rows(problem.jacobian)
+    bound = rows.per_length(problem.bound)
+    named = np.abs(bound[(bound != 0) & np.isfinite(bound)])
+    unit = max(_norm(d), float(named.min(initial=radius)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        mu, kappa = rows.times_length(forces[0]), forces[1] * unit
+        gamma = _norm(problem.gradient) or max(_largest(np.abs(mu)), abs(kappa)) or 1.0
+        mu, kappa = rows.times_length(forces[0], gamma), forces[1] / gamma * unit
+        d, bound, g = d / unit, bound / unit, problem.gradient / gamma
+        slack, room = rows.jacobian @ d - bound, radius / unit - _norm(d)
+    if not (np.isfinite(mu).all() and np.isfinite(kappa) and np.isfinite(g).all() and np.isfinite(d).all()):
+        return _HOPELESS
+    inequality = ~problem.equality
+    allowance = min(8 * _EPS * (float(np.abs(mu).sum()) + abs(kappa)), 1e-5)
+    return KKTResiduals(
+        stationarity=max(_norm(kappa * d - g - mu @ rows.jacobian) - allowance, 0.0),
+        primal=max(_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))), -room, 0.0),
+        dual=max(_largest(np.maximum(-mu[inequality], 0.0)), -kappa, 0.0),
+        complementarity=max(_largest(np.abs(np.minimum(mu, slack))[inequality]), abs(min(kappa, room))),
+    )
+
+
 def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     """How far y is from proving infeasibility: max(‖Ĵᵀŷ‖, max(−ŷ)₊ on I) / (b̂ᵀŷ / max|b̂|); infinite if b̂ᵀŷ ≤ 0.
 
     With y ≥ 0 on I, Jᵀy = 0 and bᵀy > 0 no d has Jd ≥ b: 0 = yᵀJd ≥ bᵀy > 0. Zero where y proves it exactly.
+    With a radius bᵀy > radius ‖Jᵀy‖_M⁻¹ is enough, since yᵀJd ≤ radius ‖Jᵀy‖_M⁻¹ in the ball; then the residual is at
+    most max(8·eps·Σ|ŷ|, max(−ŷ)₊ on I) / ((b̂ᵀŷ − radius ‖Ĵᵀŷ‖) / max(|b̂|, radius)). In a metric, where M = I.
     Source: Farkas' lemma; Boyd & Vandenberghe, Convex Optimization, §5.8.
     """
     y = np.asarray(y, dtype=np.float64)
     require_shape("y", y, (problem.m,))
-    if not np.isfinite(y).all() or not y.any():
+    flat = euclidean(problem)
+    if not np.isfinite(y).all() or not y.any() or not np.isfinite(flat.jacobian).all():
         return float("inf")
-    rows = unit_rows(problem.jacobian)
+    rows = unit_rows(flat.jacobian)
     zero_row_proof = (rows.largest == 0) & (y != 0) & _zero_row_impossible(problem, y)
     if zero_row_proof.any():
         return float("inf") if (y[~problem.equality] < 0).any() else 0.0
@@ -116,10 +185,16 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     bound = np.where(switched_on, rows.per_length(problem.bound), 0.0)
     if (weights[~switched_on] != 0).any():
         return float("inf")
+    force, negative = _norm(weights @ rows.jacobian), _largest(np.maximum(-weights[~problem.equality], 0.0))
     largest = float(np.abs(bound[weights != 0]).max())
     gain = float((bound / largest) @ weights) if largest > 0 else 0.0
-    error = max(_norm(weights @ rows.jacobian), _largest(np.maximum(-weights[~problem.equality], 0.0)))
-    return error / gain if gain > 0 else float("inf")
+    residual = max(force, negative) / gain if gain > 0 else float("inf")
+    if problem.radius is None or not largest > 0:
+        return residual
+    unit = max(largest, problem.radius)
+    gain = float((bound / unit) @ weights) - problem.radius / unit * force
+    rounded = _ROUNDED_GAIN * float(np.abs(weights).sum())
+    return min(residual, max(rounded, negative) / gain if gain > 0 else float("inf"))
 
 
 def _zero_row_impossible(problem: DirectionProblem, y: Multipliers) -> Mask:

@@ -1,28 +1,33 @@
 """The direction problem: validated once, on construction; and its scaling to unit rows.
 
-    min_d ½‖d − g‖²   s.t.   Jᵢ d ≥ bᵢ (i ∈ I),   Jᵢ d = bᵢ (i ∈ E)
+    min_d ½ dᵀM d − gᵀd   s.t.   Jᵢ d ≥ bᵢ (i ∈ I),   Jᵢ d = bᵢ (i ∈ E)                     without a radius
+    max_d gᵀd             s.t.   the same,   dᵀM d ≤ radius²   (of several, the shortest)   the trust region
 
-With b = 0 its solution points the way of max_s gᵀs, ‖s‖ = 1, the problem of §2.3 of the paper.
+M = I, so min ½‖d − g‖², where no metric is given. With b = 0 the first points the way of max_s gᵀs, sᵀMs = 1, the
+problem of §2.3 of the paper. The second is that of constrained policy optimization (Achiam et al. 2017, eq. 10).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import overload
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .arrays import ArrayLike, Jacobian, Mask, Multipliers, Vector
-from .validation import finite_array, mask_array, real_array, require_shape
+from .metric import Metric, Whitening, validated_metric
+from .validation import finite_array, mask_array, real_array, require_positive, require_shape
 
 
 @dataclass(frozen=True, init=False, eq=False)
 class DirectionProblem:
-    """min ½‖d − g‖² s.t. Jᵢd ≥ bᵢ, with equality where `equality` says so.
+    """min ½dᵀMd − gᵀd, or max gᵀd in a ball, s.t. Jᵢd ≥ bᵢ, with equality where `equality` says so.
 
     gradient g: (n,), ascent gradient of the objective; jacobian J: (m, n), constraint gradients as rows;
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
-    for all. Arrays are copied and made read-only.
+    for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, None for the identity;
+    radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only.
     Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, non-numbers.
     """
 
@@ -30,6 +35,8 @@ class DirectionProblem:
     jacobian: Jacobian
     bound: Multipliers
     equality: Mask
+    metric: Metric | None = None
+    radius: float | None = None
 
     def __init__(
         self,
@@ -37,6 +44,8 @@ class DirectionProblem:
         jacobian: ArrayLike,
         bound: ArrayLike = 0.0,
         equality: ArrayLike = False,
+        metric: ArrayLike | None = None,
+        radius: float | None = None,
     ) -> None:
         g = finite_array("gradient", gradient, 1)
         J = finite_array("jacobian", jacobian, 2)
@@ -50,6 +59,25 @@ class DirectionProblem:
         require_shape("equality", is_equality, (m,))
         _require_bounds(b, is_equality)
         _set_fields(self, g, J, b, is_equality)
+        if metric is not None:
+            M, whitening = validated_metric(metric, n)
+            object.__setattr__(self, "metric", M)
+            object.__setattr__(self, "whitening", whitening)
+        if radius is not None:
+            require_positive("radius", radius)
+            object.__setattr__(self, "radius", float(radius))
+
+    @classmethod
+    def trusted(cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask) -> "DirectionProblem":
+        """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
+        problem = object.__new__(cls)
+        _set_fields(problem, gradient, jacobian, bound, equality)
+        return problem
+
+    @cached_property
+    def whitening(self) -> Whitening | None:
+        """Coordinates in which M = I; None where it is already."""
+        return None if self.metric is None else validated_metric(self.metric, self.n)[1]
 
     @property
     def n(self) -> int:
@@ -62,20 +90,46 @@ class DirectionProblem:
         return int(self.jacobian.shape[0])
 
 
+def euclidean(problem: DirectionProblem) -> DirectionProblem:
+    """The problem of (g′, J′, b) in the coordinates d′ = Lᵀd, where M = I, and without its ball; not checked anew.
+
+    Numbers of 1e±150 in g or J and in M may overflow: see whether it is finite.
+    """
+    if problem.metric is None and problem.radius is None:
+        return problem
+    g, J = problem.gradient, problem.jacobian
+    if problem.whitening is not None:
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            g, J = problem.whitening.gradient(g), problem.whitening.rows(J)
+    return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class ProblemBatch(Sequence[DirectionProblem]):
     """B direction problems of one shape, stacked; reads as a sequence of `DirectionProblem`.
 
     gradient: (B, n); jacobian: (B, m, n); bound, equality: (B, m). Inside a batch, a constraint that is
-    not in one problem's active set has bound −inf and equality False there. Raises as `DirectionProblem`.
+    not in one problem's active set has bound −inf and equality False there. metric: (B, n) or (B, n, n), None for
+    identities; radius: (B,), or None for problems without. Raises as `DirectionProblem`.
     """
 
     gradient: Float[np.ndarray, "B n"]
     jacobian: Float[np.ndarray, "B m n"]
     bound: Float[np.ndarray, "B m"]
     equality: Bool[np.ndarray, "B m"]
+    metric: Float[np.ndarray, "B n"] | Float[np.ndarray, "B n n"] | None = None
+    radius: Float[np.ndarray, "B"] | None = None
+    whitening: tuple[Whitening, ...] | None = field(default=None, repr=False)  # of each metric, set with it
 
-    def __init__(self, gradient: ArrayLike, jacobian: ArrayLike, bound: ArrayLike, equality: ArrayLike) -> None:
+    def __init__(
+        self,
+        gradient: ArrayLike,
+        jacobian: ArrayLike,
+        bound: ArrayLike,
+        equality: ArrayLike,
+        metric: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+    ) -> None:
         g, J, b = (np.ascontiguousarray(array, dtype=np.float64) for array in (gradient, jacobian, bound))
         is_equality = np.ascontiguousarray(equality, dtype=np.bool_)
         if J.ndim != 3 or J.shape[2] == 0:
@@ -88,6 +142,10 @@ class ProblemBatch(Sequence[DirectionProblem]):
             raise ValueError("gradient and jacobian should be finite; found NaN or infinity")
         _require_bounds(b, is_equality)
         _set_fields(self, g, J, b, is_equality)
+        if metric is not None:
+            _set_metrics(self, [validated_metric(each, n) for each in np.asarray(metric)])
+        if radius is not None:
+            object.__setattr__(self, "radius", _radii(radius, runs))
 
     @classmethod
     def trusted(
@@ -110,16 +168,42 @@ class ProblemBatch(Sequence[DirectionProblem]):
         shapes = {problem.jacobian.shape for problem in problems}
         if len(shapes) != 1:
             raise ValueError(f"problems should have one shape; found {sorted(shapes) or 'no problem'}")
-        return cls(
+        batch = cls(
             np.stack([problem.gradient for problem in problems]),
             np.stack([problem.jacobian for problem in problems]),
             np.stack([problem.bound for problem in problems]),
             np.stack([problem.equality for problem in problems]),
         )
+        if any(problem.metric is not None for problem in problems):
+            _set_metrics(batch, _metrics_of(problems))
+        radii = [problem.radius for problem in problems if problem.radius is not None]
+        if radii:
+            if len(radii) < len(problems):
+                raise ValueError(f"problems should all have a radius, or none; found {len(radii)} of {len(problems)}")
+            object.__setattr__(batch, "radius", np.array(radii))
+        return batch
+
+    def in_geometry(self, metric: ArrayLike | None, radius: float | None) -> "ProblemBatch":
+        """The same problems, all in one metric, (n,) or (n, n), and in balls of one radius; None for neither."""
+        batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality)
+        if metric is not None:
+            _set_metrics(batch, [validated_metric(metric, self.gradient.shape[1])] * len(self))
+        if radius is not None:
+            require_positive("radius", radius)
+            object.__setattr__(batch, "radius", np.full(len(self), float(radius)))
+        return batch
 
     def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
         """The problems where the mask is True."""
-        return ProblemBatch(self.gradient[mask], self.jacobian[mask], self.bound[mask], self.equality[mask])
+        part = ProblemBatch(self.gradient[mask], self.jacobian[mask], self.bound[mask], self.equality[mask])
+        self._hand_geometry(part, np.flatnonzero(mask))
+        return part
+
+    def _hand_geometry(self, part: "ProblemBatch", index: Int[np.ndarray, "part"]) -> None:
+        if self.whitening is not None and self.metric is not None:
+            _set_metrics(part, [(self.metric[k], self.whitening[k]) for k in index])
+        if self.radius is not None:
+            object.__setattr__(part, "radius", self.radius[index])
 
     def __len__(self) -> int:
         return len(self.gradient)
@@ -130,7 +214,19 @@ class ProblemBatch(Sequence[DirectionProblem]):
     def __getitem__(self, index: slice) -> "ProblemBatch": ...
     def __getitem__(self, index: int | slice) -> "DirectionProblem | ProblemBatch":
         parts = (self.gradient[index], self.jacobian[index], self.bound[index], self.equality[index])
-        return ProblemBatch(*parts) if isinstance(index, slice) else DirectionProblem(*parts)
+        if isinstance(index, slice):
+            part = ProblemBatch(*parts)
+            self._hand_geometry(part, np.arange(len(self))[index])
+            return part
+        problem = DirectionProblem(*parts)
+        if self.whitening is not None and self.metric is not None:
+            object.__setattr__(problem, "metric", self.metric[index])
+            object.__setattr__(problem, "whitening", self.whitening[index])
+        if self.radius is not None:
+            object.__setattr__(problem, "radius", float(self.radius[index]))
+        return problem
+
+
 
 
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
@@ -138,6 +234,37 @@ def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_
     object.__setattr__(frozen, "jacobian", J)
     object.__setattr__(frozen, "bound", b)
     object.__setattr__(frozen, "equality", is_equality)
+
+
+def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Metric, Whitening]]) -> None:
+    """One (M, L) for each problem; stacked without copies where all are the same."""
+    first = metrics[0][0] if metrics else np.zeros(batch.gradient.shape)
+    if len({id(whitening) for _, whitening in metrics}) <= 1:
+        stacked = np.broadcast_to(first, (len(metrics), *first.shape)) if metrics else first
+    else:
+        stacked = np.stack([M for M, _ in metrics])
+    object.__setattr__(batch, "metric", stacked)
+    object.__setattr__(batch, "whitening", tuple(whitening for _, whitening in metrics))
+
+
+def _metrics_of(problems: Sequence[DirectionProblem]) -> list[tuple[Metric, Whitening]]:
+    """(M, L) of each problem, all (n,) or all (n, n); the identity where one has none."""
+    full = any(problem.metric is not None and problem.metric.ndim == 2 for problem in problems)
+    metrics = []
+    for problem in problems:
+        M, L = problem.metric, problem.whitening
+        if M is None or L is None:
+            M, L = np.ones(problem.n), Whitening(np.ones(problem.n))
+        metrics.append((np.diag(M) if full and M.ndim == 1 else M, L))
+    return metrics
+
+
+def _radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
+    radii = finite_array("radius", radius, 1)
+    require_shape("radius", radii, (count,))
+    if not (radii > 0).all():
+        raise ValueError(f"radius should be > 0; found {radii.min()}")
+    return radii
 
 
 def _require_bounds(bound: Float[np.ndarray, "..."], equality: Bool[np.ndarray, "..."]) -> None:

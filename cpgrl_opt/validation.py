@@ -56,6 +56,13 @@ def require_nonnegative(name: str, value: float, *, allow_infinite: bool = False
         raise ValueError(f"{name} should be a number ≥ 0; found {value!r}")
 
 
+def require_positive(name: str, value: float) -> None:
+    """ValueError unless `value` is a finite number > 0."""
+    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not is_number or not 0 < value < np.inf:
+        raise ValueError(f"{name} should be a finite number > 0; found {value!r}")
+
+
 def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
     """ValueError that lists the right names unless `value` is one of them."""
     if value not in members:

@@ -1,0 +1,113 @@
+"""A metric M and the coordinates in which it is Euclidean.
+
+    M = LLᵀ,    d′ = Lᵀd,    g′ = L⁻¹g,    J′ = JL⁻ᵀ:    dᵀMd = ‖d′‖²,    gᵀd = g′ᵀd′,    Jd = J′d′
+
+so a direction problem in the metric M is the Euclidean one of (g′, J′, b), with the same multipliers. Another L with
+LLᵀ = M turns these coordinates, and changes no length. Source: Golub & Van Loan, Matrix Computations, §4.2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .arrays import ArrayLike
+from .validation import finite_array, require_shape, real_array
+
+Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
+
+# |Mᵢⱼ − Mⱼᵢ| that rounding leaves of a symmetric matrix, relative to √(MᵢᵢMⱼⱼ).
+_ASYMMETRY = 1e-12
+# Least pivot of M with unit diagonal: below it, float64 does not tell M from a singular matrix.
+_LEAST_PIVOT = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """L of the module's head: (n,) its diagonal, or (n, n) lower triangular."""
+
+    factor: Metric
+
+    def rows(self, rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
+        """JL⁻ᵀ: gradients, one a row, in the coordinates where M = I."""
+        if self.factor.ndim == 1:
+            return np.asarray(rows / self.factor)
+        return np.ascontiguousarray(_solved(self.factor, rows.T, transposed=False).T)
+
+    def gradient(self, gradient: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """L⁻¹g."""
+        if self.factor.ndim == 1:
+            return np.asarray(gradient / self.factor)
+        return _solved(self.factor, gradient, transposed=False)
+
+    def direction(self, direction: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """d′ = Lᵀd."""
+        return np.asarray(self.factor * direction if self.factor.ndim == 1 else direction @ self.factor)
+
+    def original(self, whitened: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """d = L⁻ᵀd′."""
+        if self.factor.ndim == 1:
+            return np.asarray(whitened / self.factor)
+        return _solved(self.factor, whitened, transposed=True)
+
+    def extended(self, count: int) -> "Whitening":
+        """L of M with `count` further coordinates, in which it is the identity."""
+        n = len(self.factor)
+        if self.factor.ndim == 1:
+            return Whitening(np.append(self.factor, np.ones(count)))
+        factor = np.eye(n + count)
+        factor[:n, :n] = self.factor
+        return Whitening(factor)
+
+
+def validated_metric(metric: ArrayLike, n: int) -> tuple[Metric, Whitening]:
+    """A read-only copy of M, (n,) positive or (n, n) symmetric positive definite, and its L; else ValueError.
+
+    A matrix that is symmetric up to rounding is replaced by its symmetric part.
+    """
+    axes = np.ndim(metric)  # type: ignore[arg-type]
+    if axes not in (1, 2):
+        raise ValueError(f"metric should be None, ({n},) or ({n}, {n}); found an array of {axes} axes")
+    M = finite_array("metric", metric, axes)
+    require_shape("metric", M, (n,) * axes)
+    diagonal = M if axes == 1 else M.diagonal()
+    if not (diagonal > 0).all():
+        raise ValueError(f"metric should have positive diagonal entries; found {diagonal.min()}")
+    if axes == 1:
+        return M, Whitening(np.sqrt(M))
+    return _factorized(M)
+
+
+def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
+    size = np.sqrt(M.diagonal())
+    scaled = M / size / size[:, None]  # unit diagonal: units of single parameters decide nothing
+    asymmetry = float(np.abs(scaled - scaled.T).max())
+    if asymmetry > _ASYMMETRY:
+        raise ValueError(
+            f"metric should be symmetric; found entries that differ from their mirror image by {asymmetry:.3g} of "
+            "√(MᵢᵢMⱼⱼ)"
+        )
+    symmetric = real_array("metric", M if (M == M.T).all() else 0.5 * M + 0.5 * M.T, 2)
+    try:
+        factor = np.linalg.cholesky(0.5 * scaled + 0.5 * scaled.T)
+    except np.linalg.LinAlgError:
+        factor = np.zeros_like(scaled)
+    pivot = float(factor.diagonal().min()) ** 2
+    if not pivot > _LEAST_PIVOT:
+        least = float(np.linalg.eigvalsh(0.5 * scaled + 0.5 * scaled.T)[0])
+        raise ValueError(
+            f"metric should be positive definite; found the eigenvalue {least:.3g} after scaling its diagonal to 1"
+        )
+    factor *= size[:, None]
+    factor.flags.writeable = False
+    return symmetric, Whitening(factor)
+
+
+def _solved(
+    factor: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n *k"], *, transposed: bool
+) -> Float[np.ndarray, "n *k"]:
+    """L⁻¹ right, or L⁻ᵀ right."""
+    from scipy.linalg import solve_triangular  # first use only: importing the package stays light
+
+    solution: np.ndarray = solve_triangular(factor, right, lower=True, trans=int(transposed), check_finite=False)
+    return solution
