@@ -16,7 +16,7 @@ from .kkt import KKTResiduals, farkas_residual, kkt_residuals
 from .linearization import Linearization
 from .problem import DirectionProblem, ProblemBatch
 from .projection import project_onto_tangent, projection_matrix, restoration_move, tangent_multipliers
-from .solvers import SOLVERS, DirectionSolver, MissingPackageError, solve_batch
+from .solvers import SOLVERS, DirectionSolver, MissingPackageError, WithGeometry, solve_batch
 from .step import ConstrainedStep, StepResult
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "ProblemBatch",
     "Status",
     "StepResult",
+    "WithGeometry",
     "farkas_residual",
     "hysteresis",
     "kkt_residuals",

@@ -113,7 +113,7 @@ class DirectionBatch(Sequence[Direction]):
             return DirectionBatch(*parts)
         kappa = np.zeros(len(self)) if self.radius_multiplier is None else self.radius_multiplier.copy()
         kappa[mask] = 0.0 if others.radius_multiplier is None else others.radius_multiplier
-        return DirectionBatch(*parts, kappa)
+        return DirectionBatch(*parts, radius_multiplier=kappa)
 
     def __len__(self) -> int:
         return len(self.value)

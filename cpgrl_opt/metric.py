@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .arrays import ArrayLike
-from .validation import finite_array, require_shape, real_array
+from .validation import finite_array, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
 
@@ -65,7 +65,7 @@ def validated_metric(metric: ArrayLike, n: int) -> tuple[Metric, Whitening]:
 
     A matrix that is symmetric up to rounding is replaced by its symmetric part.
     """
-    axes = np.ndim(metric)  # type: ignore[arg-type]
+    axes = np.ndim(metric)
     if axes not in (1, 2):
         raise ValueError(f"metric should be None, ({n},) or ({n}, {n}); found an array of {axes} axes")
     M = finite_array("metric", metric, axes)

@@ -227,8 +227,6 @@ class ProblemBatch(Sequence[DirectionProblem]):
         return problem
 
 
-
-
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
     object.__setattr__(frozen, "gradient", g)
     object.__setattr__(frozen, "jacobian", J)

@@ -14,6 +14,7 @@ install_import_hook(
         "cpgrl_opt.formulation",
         "cpgrl_opt.kkt",
         "cpgrl_opt.linearization",
+        "cpgrl_opt.metric",
         "cpgrl_opt.problem",
         "cpgrl_opt.projection",
         "cpgrl_opt.step",

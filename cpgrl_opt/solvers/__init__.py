@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from .active_set import ActiveSet
 from .enumeration import Enumeration
+from .geometry import WithGeometry
 from .interface import (
     DEFAULT_TOLERANCE,
     DirectionSolver,
@@ -72,6 +73,7 @@ __all__ = [
     "QPSolversBackend",
     "Rosen",
     "RosenDrop",
+    "WithGeometry",
     "compile_kernels",
     "has_package",
     "is_installed",

@@ -11,9 +11,11 @@ from typing import ClassVar
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
+from .geometry import takes_geometry
 from .kernels import compiled_kernels, solve_single, solve_stacked
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class ActiveSet:
     """Goldfarb & Idnani's dual method in the basis of the active rows. The default.

@@ -17,6 +17,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
 from .factorization import pivoted_qr
+from .geometry import takes_geometry
 from .interface import LoopsOverBatches
 from .preparation import failure, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
@@ -24,6 +25,7 @@ from .reduction import BackEndAnswer, ReducedProblem
 MOST_CONSTRAINTS = 12  # 2¹² active sets
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class Enumeration(LoopsOverBatches):
     """The best of all 2ᵐ active sets, for problems of at most 12 constraints.

@@ -27,7 +27,7 @@ from .reduction import ScaledProblem, reduce_problem, scale_problem
 # ‖v‖ in units of s above which a problem is infeasible; below it, bounds that should agree differ by rounding.
 VIOLATION_TOLERANCE = 1e-9
 # v = 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
-_FARKAS_TOLERANCE = 1e-6
+FARKAS_TOLERANCE = 1e-6
 # Entries of v below this part of its largest are zeros that were rounded.
 _SUPPORT_CUT = 1e-6
 _CERTIFIED = 1e-12  # worst KKT residual of that projection
@@ -57,7 +57,7 @@ def least_violation(problem: DirectionProblem) -> LeastViolation | None:
     if size <= VIOLATION_TOLERANCE:
         return None
     proof = scaled.original_multipliers(violation / size)
-    return LeastViolation(value, proof, size) if farkas_residual(problem, proof) <= _FARKAS_TOLERANCE else None
+    return LeastViolation(value, proof, size) if farkas_residual(problem, proof) <= FARKAS_TOLERANCE else None
 
 
 def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Direction | None:

@@ -14,8 +14,9 @@ class DirectionSolver(Protocol):
     """A frozen dataclass of settings with one method. Third parties need not import this.
 
     Optional attributes: `tolerance` (the worst KKT residual of an OPTIMAL answer; 1e-6 is assumed),
-    `supports(problem) -> bool` (undeclared: equalities, cone and bounds), `solve_batch(problems)`,
-    `guarantee` and `source` (one line each, for the table of solvers).
+    `supports(problem) -> bool` (undeclared: equalities, cone and bounds, no metric and no radius),
+    `solve_batch(problems)`, `guarantee` and `source` (one line each, for the table of solvers).
+    A solver that takes neither metric nor radius is made to by `WithGeometry(solver)`.
     """
 
     def solve(self, problem: DirectionProblem) -> Direction:
@@ -47,9 +48,14 @@ def tolerance_of(solver: DirectionSolver) -> float:
 
 
 def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
-    """Whether the solver takes this problem; one that declares nothing takes equalities, the cone and bounds."""
+    """Whether the solver takes this problem; one that declares nothing takes equalities, the cone and bounds.
+
+    A metric or a radius it takes only if its own `supports` says so.
+    """
     declared: Any = getattr(solver, "supports", None)
-    return True if declared is None else bool(declared(problem))
+    if declared is None:
+        return problem.metric is None and problem.radius is None
+    return bool(declared(problem))
 
 
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:

@@ -5,11 +5,13 @@ from typing import ClassVar
 
 from ..direction import Direction
 from ..problem import DirectionProblem
+from .geometry import takes_geometry
 from .interface import LoopsOverBatches
 from .least_distance import least_distance
 from .preparation import solve_prepared
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class NNLS(LoopsOverBatches):
     """min ½‖d − g‖² s.t. Jd ≥ b as a nonnegative least-squares problem in m unknowns; equalities by elimination.

@@ -11,11 +11,13 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
+from .geometry import takes_geometry
 from .packages import require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class OSQP:
     """Operator splitting on the reduced problem, then our polishing.
@@ -54,6 +56,7 @@ class OSQP:
         return OSQPSession(self, n, m, warm_start=warm_start)
 
 
+@takes_geometry
 class OSQPSession:
     """OSQP's workspace for one shape. With `warm_start` each problem starts at the last one's answer.
 
@@ -66,6 +69,10 @@ class OSQPSession:
         self.warm_start = warm_start
         self._rows, self._coordinates = m, min(n, m + 1)
         self._workspace: Any = None
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """Problems of the session's shape."""
+        return (problem.n, problem.m) == (self.n, self.m)
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; ValueError unless the problem has the session's shape."""

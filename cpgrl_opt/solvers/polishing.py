@@ -58,25 +58,25 @@ def project_onto_face(
     Q, R, order = pivoted_qr(rows.T, RANK_TOLERANCE)
     rank = len(R)
     R, chosen = R[:, :rank], order[:rank]
-    d = _off(Q, g) + Q @ solve_upper(R, bound[chosen], transposed=True)
+    d = off_span(Q, g) + Q @ solve_upper(R, bound[chosen], transposed=True)
     weights = np.zeros(len(rows))
     weights[chosen] = solve_upper(R, Q.T @ (d - g))
     if nonnegative and rank < len(rows) and (weights[~scaled.equality[face]] < 0.0).any():
-        weights = _nonnegative_weights(Q.T @ rows.T, Q.T @ (d - g), scaled.equality[face])
+        weights = nonnegative_weights(Q.T @ rows.T, Q.T @ (d - g), scaled.equality[face])
     else:  # one step of refinement: nearly opposing rows have multipliers of 1e9
         weights[chosen] += solve_upper(R, Q.T @ (d - g - weights @ rows))
     multipliers[face] = weights
     return d, multipliers
 
 
-def _off(Q: Float[np.ndarray, "n k"], g: Vector) -> Vector:
+def off_span(Q: Float[np.ndarray, "n k"], g: Vector) -> Vector:
     """(I − QQᵀ) g, twice: the second pass takes away what rounding left of the first."""
     for _ in range(2):
         g = g - Q @ (Q.T @ g)
     return g
 
 
-def _nonnegative_weights(
+def nonnegative_weights(
     columns: Float[np.ndarray, "k p"], target: Float[np.ndarray, "k"], equality: Bool[np.ndarray, "p"]
 ) -> Float[np.ndarray, "p"]:
     """argmin ‖columns μ − target‖ with μ ≥ 0 on I, free on E: dependent rows have many multipliers, few with signs."""

@@ -13,9 +13,11 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
+from .geometry import takes_geometry
 from .kernels import compiled_kernels, solve_single, solve_stacked
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class Rosen:
     """The paper's tangent direction: rank-revealing on unit rows, equalities only.

@@ -15,12 +15,14 @@ from jaxtyping import Float
 from ..arrays import Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from .geometry import takes_geometry
 from .interface import LoopsOverBatches
 from .polishing import project_onto_face
 from .preparation import candidate_of, failure, judged, screen
 from .reduction import ScaledProblem, scale_problem
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class RosenDrop(LoopsOverBatches):
     """The drop rule, for b = 0; equalities are never dropped.

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from .geometry import takes_geometry
 from .interface import LoopsOverBatches, MissingPackageError
 from .packages import has_package
 from .preparation import solve_prepared
@@ -122,6 +123,7 @@ BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
 )
 
 
+@takes_geometry
 @dataclass(frozen=True)
 class QPSolversBackend(LoopsOverBatches):
     """One of qpsolvers' back ends on the reduced problem.

@@ -1,0 +1,192 @@
+"""Metric and radius as one transformation around any cone solver: `takes_geometry` decorates its class.
+
+    metric    M = LLᵀ:  min ½‖d′‖² − g′ᵀd′  s.t.  J′d′ ≥ b  in d′ = Lᵀd, g′ = L⁻¹g, J′ = JL⁻ᵀ;  the same μ
+    radius    a one-dimensional search over κ, see `ball`
+
+so that the solver itself only ever sees Euclidean problems without a ball. The referee judges each answer anew on the
+problem as it was given. Source: Golub & Van Loan, Matrix Computations, §4.2 (whitening by the Cholesky factor).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial, wraps
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..direction import Direction, DirectionBatch, Status
+from ..kkt import farkas_residual, kkt_residuals
+from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
+from .ball import UnitBall, solve_in_unit_ball
+from .infeasibility import FARKAS_TOLERANCE
+from .interface import DirectionSolver, solve_batch, supports, tolerance_of
+
+SolverClass = TypeVar("SolverClass", bound=type)
+Solve = Callable[[DirectionProblem], Direction]
+
+# Demands or lengths beyond this, in units of the radius, have squares that overflow.
+_LARGEST_RATIO = 1e150
+
+
+def takes_geometry(solver_class: SolverClass) -> SolverClass:
+    """The class with `solve` and `solve_batch` that take metrics and radii; problems without go straight through.
+
+    Its `supports` stays: which constraints a method takes does not depend on the metric or the ball.
+    """
+    kind: Any = solver_class
+    solve, batch = kind.solve, getattr(kind, "solve_batch", None)
+
+    @wraps(solve)
+    def solve_in_geometry(self: Any, problem: DirectionProblem) -> Direction:
+        if problem.metric is None and problem.radius is None:
+            answer: Direction = solve(self, problem)
+            return answer
+        return solve_transformed(partial(solve, self), problem, _tolerance(self))
+
+    kind.solve = solve_in_geometry
+    if batch is not None:
+        kind.solve_batch = _batch_in_geometry(solve, batch)
+    return solver_class
+
+
+def _batch_in_geometry(solve: Callable[..., Direction], batch: Callable[..., DirectionBatch]) -> Any:
+    @wraps(batch)
+    def solve_batch_in_geometry(self: Any, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        stacked = ProblemBatch.stack(problems)
+        if stacked.metric is None and stacked.radius is None:
+            return batch(self, stacked)
+        return solve_batch_transformed(partial(solve, self), partial(batch, self), stacked, _tolerance(self))
+
+    return solve_batch_in_geometry
+
+
+@dataclass(frozen=True)
+class WithGeometry:
+    """Somebody's cone solver made to take metrics and radii: a solver that declares nothing is never asked for them.
+
+    solver: an object with `solve`, for Euclidean problems without a ball.
+    """
+
+    solver: DirectionSolver
+
+    @property
+    def tolerance(self) -> float:
+        """The solver's own: the worst KKT residual of an OPTIMAL answer."""
+        return tolerance_of(self.solver)
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """Whether the solver takes the constraints, in whatever geometry."""
+        return supports(self.solver, without_geometry(problem))
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The direction of the transformed problem, judged on the problem itself; see `Status`."""
+        if problem.metric is None and problem.radius is None:
+            return self.solver.solve(problem)
+        return solve_transformed(self.solver.solve, problem, self.tolerance)
+
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """B problems of one shape."""
+        stacked = ProblemBatch.stack(problems)
+        if stacked.metric is None and stacked.radius is None:
+            return solve_batch(self.solver, stacked)
+        return solve_batch_transformed(self.solver.solve, partial(solve_batch, self.solver), stacked, self.tolerance)
+
+
+def without_geometry(problem: DirectionProblem) -> DirectionProblem:
+    """The same arrays, Euclidean and without a ball."""
+    return DirectionProblem.trusted(problem.gradient, problem.jacobian, problem.bound, problem.equality)
+
+
+def solve_transformed(solve: Solve, problem: DirectionProblem, tolerance: float) -> Direction:
+    """The answer of `solve`, a Euclidean cone solver, to a problem with a metric, a radius or both."""
+    flat = euclidean(problem)
+    if not _is_finite(flat):
+        return _failed(problem)
+    if problem.radius is None:
+        return _mapped_back(problem, solve(flat), tolerance)
+    return _solve_in_ball(solve, problem, flat, tolerance)
+
+
+def solve_batch_transformed(
+    solve: Solve, batch: Callable[[ProblemBatch], DirectionBatch], problems: ProblemBatch, tolerance: float
+) -> DirectionBatch:
+    """As one by one; without radii the whitened problems are solved together."""
+    members = list(problems)
+    flat = [euclidean(problem) for problem in members]
+    if problems.radius is not None or not all(_is_finite(each) for each in flat):
+        return DirectionBatch.stack([solve_transformed(solve, problem, tolerance) for problem in members])
+    answers = batch(
+        ProblemBatch.trusted(
+            np.stack([each.gradient for each in flat]),
+            np.stack([each.jacobian for each in flat]),
+            problems.bound,
+            problems.equality,
+        )
+    )
+    return DirectionBatch.stack(
+        [_mapped_back(problem, answer, tolerance) for problem, answer in zip(members, answers, strict=True)]
+    )
+
+
+def _solve_in_ball(solve: Solve, problem: DirectionProblem, flat: DirectionProblem, tolerance: float) -> Direction:
+    """In units of the radius, with unit rows and a unit gradient; `flat` is Euclidean."""
+    radius, rows = float(problem.radius or 0.0), unit_rows(flat.jacobian)
+    strength = float(lengths(flat.gradient))
+    with np.errstate(over="ignore", under="ignore"):
+        bound = rows.per_length(problem.bound) / radius
+    is_zero = rows.largest == 0.0
+    impossible = is_zero & np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
+    bound = np.where(is_zero, -np.inf, bound)
+    equality = problem.equality & ~is_zero
+    if not np.isfinite(strength) or not (np.where(equality, np.abs(bound), bound) < _LARGEST_RATIO).all():
+        return _failed(problem)
+    ball = UnitBall(flat.gradient / (strength or 1.0), rows.jacobian, bound, equality)
+    answer = solve_in_unit_ball(solve, ball)
+    with np.errstate(over="ignore", under="ignore"):
+        multipliers = rows.per_length(np.where(is_zero, 0.0, answer.multipliers))
+        is_claim = answer.status != Status.INFEASIBLE
+        found = Direction(
+            answer.point * radius,
+            multipliers * strength if is_claim else multipliers,
+            answer.status,
+            answer.iterations,
+            answer.radius_multiplier * (strength / radius),
+        )
+    if impossible.any():
+        proof = np.where(impossible, np.sign(problem.bound), 0.0)
+        found = replace(found, multipliers=proof, status=Status.INFEASIBLE, radius_multiplier=0.0)
+    return _mapped_back(problem, found, tolerance)
+
+
+def _mapped_back(problem: DirectionProblem, answer: Direction, tolerance: float) -> Direction:
+    """d = L⁻ᵀd′ with the status that the referee leaves it."""
+    value = np.asarray(answer.value, dtype=np.float64)
+    if problem.whitening is not None:
+        value = problem.whitening.original(value)
+    found = Direction(
+        value,
+        answer.multipliers,
+        Status(answer.status),
+        getattr(answer, "iterations", 0),
+        float(getattr(answer, "radius_multiplier", 0.0)),
+    )
+    if not (np.isfinite(value).all() and np.isfinite(found.multipliers).all() and np.isfinite(found.radius_multiplier)):
+        return _failed(problem, found.iterations)
+    if found.status == Status.INFEASIBLE:
+        proven = farkas_residual(problem, found.multipliers) <= FARKAS_TOLERANCE
+        return found if proven else replace(found, status=Status.UNCERTIFIED)
+    if found.status == Status.OPTIMAL and not kkt_residuals(problem, found).worst <= tolerance:
+        return replace(found, status=Status.UNCERTIFIED)
+    return found
+
+
+def _failed(problem: DirectionProblem, iterations: int = 0) -> Direction:
+    return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR, iterations)
+
+
+def _is_finite(problem: DirectionProblem) -> bool:
+    return bool(np.isfinite(problem.gradient).all() and np.isfinite(problem.jacobian).all())
+
+
+def _tolerance(solver: Any) -> float:
+    return tolerance_of(getattr(solver, "settings", solver))

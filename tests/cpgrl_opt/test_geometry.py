@@ -1,0 +1,323 @@
+"""Metric and radius: closed forms, what every change of coordinates and units leaves, and honest infeasibility."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from cpgrl_opt import SOLVERS, DirectionProblem, ProblemBatch, Status, WithGeometry, farkas_residual, kkt_residuals
+from cpgrl_opt.solvers import is_installed, solve_batch, supports
+
+SEEDS = st.integers(0, 2**32 - 1)
+ACTIVE_SET = SOLVERS["active-set"]
+INSTALLED = [name for name, solver in SOLVERS.items() if is_installed(solver)]
+FAST = settings(max_examples=10)
+
+
+def random_metric(rng, n, kind):
+    if kind == "vector":
+        return 10.0 ** rng.uniform(-2, 2, n)
+    root = rng.standard_normal((n, n)) * 10.0 ** rng.uniform(-1, 1, n)
+    return root @ root.T + 1e-2 * np.diag(np.diag(root @ root.T))
+
+
+def as_matrix(metric, n):
+    if metric is None:
+        return np.eye(n)
+    return np.diag(metric) if np.ndim(metric) == 1 else np.asarray(metric)
+
+
+def random_problem(seed, n=4, m=3, *, kind="matrix", radius=None, bound=0.0, equality=False):
+    rng = np.random.default_rng(seed)
+    metric = None if kind is None else random_metric(rng, n, kind)
+    g, J = rng.standard_normal(n), rng.standard_normal((m, n))
+    return DirectionProblem(g, J, bound * rng.standard_normal(m), equality, metric, radius)
+
+
+def certified(problem, solver=ACTIVE_SET):
+    answer = solver.solve(problem)
+    assert answer.status == Status.OPTIMAL, answer
+    assert kkt_residuals(problem, answer).worst <= solver.tolerance
+    return answer
+
+
+def length(problem, d):
+    return np.sqrt(d @ as_matrix(problem.metric, problem.n) @ d)
+
+
+def cpo_closed_form(g, a, c, H, delta):
+    """max gᵀx s.t. aᵀx ≥ −c, ½xᵀHx ≤ δ: Achiam et al. 2017, §6.1 and Theorem 2, in reward form (a ↦ −b of theirs)."""
+    Hg, Ha = np.linalg.solve(H, g), np.linalg.solve(H, a)
+    q, r, s = g @ Hg, g @ Ha, a @ Ha
+    if c * c / s - 2 * delta > 0:
+        return Hg * np.sqrt(2 * delta / q) if c > 0 else None  # the plane misses the ball
+    free = Hg * np.sqrt(2 * delta / q)
+    if a @ free >= -c:
+        return free
+    lam = np.sqrt((q - r * r / s) / (2 * delta - c * c / s))
+    nu = (-lam * c - r) / s
+    return (Hg + nu * Ha) / lam
+
+
+@pytest.mark.parametrize("c", [0.0, 0.3, -0.3])
+@given(seed=SEEDS)
+@FAST
+def test_one_constraint_is_cpos_closed_form(c, seed):
+    rng = np.random.default_rng(seed)
+    H, delta = random_metric(rng, 5, "matrix"), 0.5 * rng.uniform(0.1, 2.0)
+    g, a = rng.standard_normal(5), rng.standard_normal(5)
+    problem = DirectionProblem(g, [a], -c, metric=H, radius=np.sqrt(2 * delta))
+    expected = cpo_closed_form(g, a, c, H, delta)
+    if expected is None:
+        assert ACTIVE_SET.solve(problem).status == Status.INFEASIBLE
+        return
+    found = certified(problem).value
+    gap = abs(abs(c) / np.sqrt(a @ np.linalg.solve(H, a)) / np.sqrt(2 * delta) - 1.0)
+    assert length(problem, found - expected) <= 1e-9 * problem.radius / max(gap, 1e-6)
+
+
+@pytest.mark.parametrize("kind", ["vector", "matrix"])
+@given(seed=SEEDS)
+@FAST
+def test_with_equalities_the_metric_has_a_closed_form(kind, seed):
+    """d = M⁻¹(g + Jᵀμ), JM⁻¹Jᵀμ = b − JM⁻¹g."""
+    problem = random_problem(seed, kind=kind, bound=1.0, equality=True, m=2)
+    M = as_matrix(problem.metric, 4)
+    J, b, g = problem.jacobian, problem.bound, problem.gradient
+    mu = np.linalg.solve(J @ np.linalg.solve(M, J.T), b - J @ np.linalg.solve(M, g))
+    expected = np.linalg.solve(M, g + J.T @ mu)
+    for name in ("active-set", "rosen"):
+        answer = certified(problem, SOLVERS[name])
+        assert length(problem, answer.value - expected) <= 1e-8 * length(problem, expected)
+        np.testing.assert_allclose(answer.multipliers, mu, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", [None, "vector", "matrix"])
+@given(seed=SEEDS)
+@FAST
+def test_without_bounds_the_ball_only_sets_the_length(kind, seed):
+    cone, ball = (random_problem(seed, kind=kind, radius=radius) for radius in (None, 0.7))
+    projection, answer = certified(cone).value, certified(ball)
+    size = length(cone, projection)
+    if size > 1e-6:
+        assert length(ball, answer.value - 0.7 * projection / size) <= 1e-9
+        assert answer.radius_multiplier == pytest.approx(size / 0.7, rel=1e-9)
+
+
+@pytest.mark.parametrize("radius", [None, 0.5, 3.0])
+@pytest.mark.parametrize("bound", [0.0, 0.5])
+@given(seed=SEEDS)
+@FAST
+def test_a_metric_is_a_change_of_coordinates(bound, radius, seed):
+    """d ↦ Tᵀd, g ↦ T⁻¹g, J ↦ JT⁻ᵀ, M ↦ T⁻¹MT⁻ᵀ for any invertible T, here a rotation and new units."""
+    problem = random_problem(seed, bound=bound, radius=radius)
+    rng = np.random.default_rng(seed)
+    T = np.linalg.qr(rng.standard_normal((4, 4)))[0] * 10.0 ** rng.uniform(-1, 1, 4)
+    inverse = np.linalg.inv(T)
+    metric = inverse @ problem.metric @ inverse.T
+    other = DirectionProblem(
+        inverse @ problem.gradient,
+        problem.jacobian @ inverse.T,
+        problem.bound,
+        False,
+        0.5 * (metric + metric.T),
+        radius,
+    )
+    one, two = ACTIVE_SET.solve(problem), ACTIVE_SET.solve(other)
+    assert one.status == two.status
+    scale = length(problem, one.value) + length(other, two.value)
+    assert length(other, two.value - T.T @ one.value) <= 1e-5 * scale
+    measured = (kkt_residuals(p, a) for p, a in ((problem, one), (other, two)))
+    if one.status == Status.OPTIMAL:
+        assert max(each.worst for each in measured) <= 1e-9
+
+
+@pytest.mark.parametrize("scale", [1e-100, 1e-12, 1e12, 1e100])
+@pytest.mark.parametrize("what", ["gradient", "rows", "lengths", "metric"])
+def test_units_decide_nothing(scale, what):
+    for seed in range(10):
+        p = random_problem(seed, bound=0.3, radius=1.0)
+        reference = ACTIVE_SET.solve(p)
+        factors = {"gradient": scale if what == "gradient" else 1.0, "rows": scale if what == "rows" else 1.0}
+        long, heavy = scale if what == "lengths" else 1.0, scale if what == "metric" else 1.0
+        other = DirectionProblem(
+            factors["gradient"] * p.gradient,
+            factors["rows"] * p.jacobian,
+            factors["rows"] * p.bound * long,
+            False,
+            heavy * p.metric,
+            p.radius * long * np.sqrt(heavy),
+        )
+        answer = ACTIVE_SET.solve(other)
+        assert answer.status == reference.status
+        np.testing.assert_allclose(answer.value / long, reference.value, rtol=1e-8, atol=1e-10)
+        if answer.status == Status.OPTIMAL:
+            assert kkt_residuals(other, answer).worst <= 1e-12
+
+
+@given(seed=SEEDS)
+@FAST
+def test_a_small_ball_is_told_from_a_large_one(seed):
+    """The ball meets {Jd ≥ b} where radius ≥ the length of the shortest d, the projection of 0."""
+    cone = random_problem(seed, bound=1.0)
+    shortest = ACTIVE_SET.solve(DirectionProblem(np.zeros(4), cone.jacobian, cone.bound, False, cone.metric)).value
+    size = length(cone, shortest)
+    if size == 0.0:
+        return
+    for factor in (0.2, 0.999, 1.001, 5.0):
+        problem = DirectionProblem(cone.gradient, cone.jacobian, cone.bound, False, cone.metric, factor * size)
+        answer = ACTIVE_SET.solve(problem)
+        assert answer.status == (Status.INFEASIBLE if factor < 1.0 else Status.OPTIMAL)
+        if factor < 1.0:
+            assert farkas_residual(problem, answer.multipliers) <= 1e-6
+            assert length(problem, answer.value) == pytest.approx(problem.radius, rel=1e-9)
+
+
+def violation(problem, d):
+    inverse = np.linalg.inv(as_matrix(problem.metric, problem.n))
+    sizes = np.sqrt(np.einsum("ij,jk,ik->i", problem.jacobian, inverse, problem.jacobian))
+    lack = (problem.bound - problem.jacobian @ d) / sizes
+    return np.linalg.norm(np.where(problem.equality, lack, np.maximum(lack, 0.0)))
+
+
+@given(seed=SEEDS)
+@FAST
+def test_where_the_ball_misses_no_point_of_it_violates_less(seed):
+    rng = np.random.default_rng(seed)
+    problem = random_problem(seed, bound=3.0, radius=0.3, equality=[True, False, False])
+    answer = ACTIVE_SET.solve(problem)
+    if answer.status != Status.INFEASIBLE:
+        return
+    least = violation(problem, answer.value)
+    for _ in range(30):
+        other = answer.value + rng.standard_normal(4) * 10.0 ** rng.uniform(-4, 0)
+        other *= min(1.0, problem.radius / length(problem, other))
+        assert violation(problem, other) >= least * (1 - 1e-9)
+
+
+def test_contradictory_rows_in_a_ball_are_infeasible_and_the_best_climb_of_those_that_violate_least():
+    problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0], [-1.0, 0.0]], [0.5, 0.5], radius=1.0)
+    answer = ACTIVE_SET.solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    np.testing.assert_allclose(answer.value, [0.0, 1.0], atol=1e-12)
+    assert farkas_residual(problem, answer.multipliers) <= 1e-12
+
+
+def test_a_zero_row_that_asks_for_something_is_infeasible_in_a_ball():
+    problem = DirectionProblem([3.0, 4.0], [[0.0, 0.0]], [1.0], radius=10.0)
+    answer = ACTIVE_SET.solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    np.testing.assert_allclose(answer.value, [6.0, 8.0])
+    assert farkas_residual(problem, answer.multipliers) == 0.0
+
+
+def test_a_vector_that_proves_nothing_about_the_ball_is_told_so():
+    problem = DirectionProblem([1.0, 0.0], [[1.0, 0.0]], [2.0], radius=1.0)
+    assert farkas_residual(problem, np.array([1.0])) <= 1e-14
+    reachable = DirectionProblem([1.0, 0.0], [[1.0, 0.0]], [2.0], radius=2.5)
+    assert farkas_residual(reachable, np.array([1.0])) >= 0.5
+    in_metric = DirectionProblem([1.0, 0.0], [[1.0, 0.0]], [2.0], metric=[0.25, 1.0], radius=1.5)  # reaches 3
+    assert farkas_residual(in_metric, np.array([1.0])) >= 0.5
+
+
+@pytest.mark.parametrize("bound", [0.0, -1.0])
+def test_without_a_gradient_the_shortest_direction_is_taken(bound):
+    problem = DirectionProblem([0.0, 0.0], [[1.0, 0.0]], bound, radius=2.0)
+    assert certified(problem).value.tolist() == [0.0, 0.0]
+    asked = DirectionProblem([0.0, 0.0], [[1.0, 1.0]], 1.0, metric=[1.0, 4.0], radius=2.0)
+    np.testing.assert_allclose(certified(asked).value, [0.8, 0.2], rtol=1e-14)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_without_constraints_the_radius_is_gone_the_whole_way(n):
+    M = np.arange(1.0, n + 1.0)
+    problem = DirectionProblem(np.ones(n), np.zeros((0, n)), metric=M, radius=0.5)
+    expected = 1.0 / M * 0.5 / np.sqrt(np.sum(1.0 / M))
+    np.testing.assert_allclose(certified(problem).value, expected, rtol=1e-14)
+
+
+def test_a_ball_that_does_not_matter_leaves_the_shortest_of_the_best():
+    """max d₁ s.t. d₁ ≤ 1: best wherever d₁ = 1, and shortest at (1, 0, 0)."""
+    problem = DirectionProblem([2.0, 0.0, 0.0], [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [-1.0, -3.0], radius=50.0)
+    answer = certified(problem)
+    np.testing.assert_allclose(answer.value, [1.0, 0.0, 0.0], atol=1e-15)
+    assert answer.radius_multiplier == 0.0
+    vertex = DirectionProblem([1.0, 1.0], [[-1.0, 0.0], [0.0, -1.0]], [-1.0, -2.0], radius=1e9)
+    np.testing.assert_allclose(certified(vertex).value, [1.0, 2.0], rtol=1e-14)
+
+
+def test_a_gradient_that_no_direction_follows_stays_at_zero():
+    """d = 0 is the shortest of the hyperplane's directions, none of which climbs."""
+    problem = DirectionProblem([-1.0, 0.0], [[1.0, 0.0]], radius=3.0)
+    answer = certified(problem)
+    assert answer.value.tolist() == [0.0, 0.0]
+    assert answer.radius_multiplier == 0.0
+
+
+@pytest.mark.parametrize("angle", [1e-2, 1e-4, 1e-6])
+def test_an_end_of_the_path_far_along_it_is_found(angle):
+    """g is nearly normal to a plane that bounds it: κ = 0 at the vertex, where t is about 1/angle."""
+    rows = [[-np.cos(angle), -np.sin(angle)], [0.0, -1.0]]
+    problem = DirectionProblem([1.0, 0.0], rows, [-1.0, -1.0], radius=1e12)
+    with_floor = DirectionProblem([1.0, 0.0], [*rows, [0.0, 1.0]], [-1.0, -1.0, -2.0], radius=1e3)
+    assert kkt_residuals(with_floor, ACTIVE_SET.solve(with_floor)).worst <= 1e-9
+    assert ACTIVE_SET.solve(problem).status == Status.OPTIMAL
+
+
+@pytest.mark.parametrize("name", INSTALLED)
+@pytest.mark.parametrize("radius", [None, 0.8])
+@pytest.mark.parametrize("bound", [0.0, 0.4])
+def test_every_solver_takes_metric_and_radius(name, radius, bound):
+    solver = SOLVERS[name]
+    for seed in (1, 2):
+        problem = random_problem(
+            seed, radius=radius, bound=bound, equality=name == "rosen", m=1 if "drop" in name else 2
+        )
+        if not supports(solver, problem):
+            assert solver.solve(problem).status == Status.UNSUPPORTED
+            continue
+        answer, expected = solver.solve(problem), ACTIVE_SET.solve(problem)
+        assert answer.status == expected.status
+        assert length(problem, answer.value - expected.value) <= 1e-6
+        if answer.status == Status.OPTIMAL:
+            assert kkt_residuals(problem, answer).worst <= solver.tolerance
+
+
+@pytest.mark.parametrize("radius", [None, 0.8])
+@pytest.mark.parametrize("name", ["active-set", "nnls"])
+def test_a_batch_in_a_geometry_is_its_members(name, radius):
+    problems = [random_problem(seed, radius=radius, bound=0.4) for seed in range(5)]
+    batch = ProblemBatch.stack(problems)
+    for answer, problem in zip(solve_batch(SOLVERS[name], batch), problems, strict=True):
+        alone = SOLVERS[name].solve(problem)
+        assert answer.status == alone.status
+        np.testing.assert_array_equal(answer.value, alone.value)
+        assert answer.radius_multiplier == alone.radius_multiplier
+
+
+class Plain:
+    """A third party's cone solver that declares nothing and has never heard of metrics."""
+
+    def solve(self, problem):
+        return ACTIVE_SET.solve(DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality))
+
+
+def test_a_solver_that_declares_nothing_takes_no_geometry_until_it_is_wrapped():
+    problem = random_problem(0, radius=0.5, bound=0.2)
+    assert not supports(Plain(), problem)
+    assert supports(Plain(), random_problem(0, kind=None))
+    wrapped = WithGeometry(Plain())
+    assert supports(wrapped, problem)
+    np.testing.assert_allclose(wrapped.solve(problem).value, ACTIVE_SET.solve(problem).value, rtol=1e-12)
+    assert wrapped.solve_batch([problem, problem])[1].status == Status.OPTIMAL
+
+
+@given(seed=SEEDS)
+@example(seed=0)
+@FAST
+def test_without_metric_and_radius_nothing_is_transformed(seed):
+    problem = random_problem(seed, kind=None, bound=0.5)
+    identity = DirectionProblem(problem.gradient, problem.jacobian, problem.bound, metric=np.ones(4))
+    one, two = ACTIVE_SET.solve(problem), ACTIVE_SET.solve(identity)
+    np.testing.assert_array_equal(one.value, two.value)
+    assert kkt_residuals(problem, one) == kkt_residuals(identity, two)
