@@ -109,11 +109,12 @@ class DirectionBatch(Sequence[Direction]):
         fresh = (others.value, others.multipliers, others.status, others.iterations)
         for part, replacement in zip(parts, fresh, strict=True):
             part[mask] = replacement
+        value, multipliers, status, iterations = parts
         if self.radius_multiplier is None and others.radius_multiplier is None:
-            return DirectionBatch(*parts)
+            return DirectionBatch(value, multipliers, status, iterations)
         kappa = np.zeros(len(self)) if self.radius_multiplier is None else self.radius_multiplier.copy()
         kappa[mask] = 0.0 if others.radius_multiplier is None else others.radius_multiplier
-        return DirectionBatch(*parts, radius_multiplier=kappa)
+        return DirectionBatch(value, multipliers, status, iterations, kappa)
 
     def __len__(self) -> int:
         return len(self.value)

@@ -12,11 +12,13 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
+from .geometry import takes_geometry
 from .packages import require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
 
+@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class CVXPY:
     """A parametrised CVXPY problem behind the shared preparation.
@@ -57,6 +59,7 @@ class CVXPY:
         return CVXPYSession(self, n, m)
 
 
+@takes_geometry
 class CVXPYSession:
     """CVXPY problems for one shape (n, m), compiled once for each number of coordinates and of equalities."""
 
