@@ -8,6 +8,7 @@ import pytest
 
 from cpgrl_opt.comparison.measurement import OUTCOMES, Measurement, cells_of
 from cpgrl_opt.comparison.report import ReportContext, write_report
+from cpgrl_opt.comparison.wording import percent_text
 
 SOLVERS = ("active-set", "nnls", "quadprog", "osqp", "rosen")
 FAMILIES = {
@@ -117,3 +118,86 @@ def test_the_page_is_well_formed_and_needs_no_other_file(documents: tuple[str, s
 
 def test_the_same_input_gives_the_same_bytes(documents: tuple[str, str], tmp_path: Path) -> None:
     assert written(tmp_path, drawn(), context()) == documents
+
+
+def test_the_success_map_shows_every_cell_and_marks_what_is_silently_wrong(documents: tuple[str, str]) -> None:
+    cells = {(cell.solver, cell.variant, cell.family): cell for cell in cells_of(drawn())}
+    maps = [
+        table for table in Page(documents[1]).tables if table[0][0] == "family" and "why it is there" not in table[0]
+    ]
+    for grid, variant in zip(maps[:2], ("prepared", "raw"), strict=True):
+        solvers = grid[0][1:]
+        assert {row[0] for row in grid[2:]} == set(FAMILIES)
+        for family, *row in grid[2:]:
+            for solver, text in zip(solvers, row, strict=True):
+                cell = cells[solver, variant, family]
+                taken = cell.problems - cell.unsupported
+                marked = f"▲{cell.silently_wrong} silently wrong" if cell.silently_wrong else ""
+                assert text == (f"{int(100 * cell.success / taken)}{marked}" if taken else "–")
+
+
+def test_the_wrong_map_leaves_out_only_families_without_a_wrong_answer(tmp_path: Path) -> None:
+    measurements = [
+        measurement("one", "prepared", "well-conditioned", 0, "success"),
+        measurement("one", "prepared", "infeasible", 0, "silently-wrong"),
+        measurement("one", "prepared", "infeasible", 1, "success"),
+    ]
+    html = written(tmp_path, measurements, context())[1]
+    wrong = [table for table in Page(html).tables if table[0][0] == "family"][1]
+    assert wrong == [["family", "one"], ["all families", "33"], ["infeasible", "50"]]
+    assert "Left out: 1 families" in html
+
+
+def test_the_solver_tables_of_both_documents_agree_with_the_cells(documents: tuple[str, str]) -> None:
+    cells = cells_of(drawn())
+    (page,) = [t for t in Page(documents[1]).tables if "honest failure %" in t[0]]
+    lines = [line for line in documents[0].splitlines() if line.startswith("| `")][: len(SOLVERS)]
+    markdown = [[text.strip() for text in line.strip("|").split("|")] for line in lines]
+    for row, line in zip(page[2:], markdown, strict=True):
+        assert line[0] == f"`{row[0]}`"
+        assert [f"{ours} / {raw}" for ours, raw in zip(row[1::2], row[2::2], strict=True)] == line[1:]
+        own = [cell for cell in cells if (cell.solver, cell.variant) == (row[0], "prepared")]
+        taken = sum(cell.problems - cell.unsupported for cell in own)
+        assert int(row[1]) == taken
+        for place, outcome in ((3, "success"), (7, "silently_wrong"), (9, "honest_failure"), (13, "missed_infeasible")):
+            exact = 100 * sum(getattr(cell, outcome) for cell in own) / taken
+            assert float(row[place]) == pytest.approx(exact, abs=0.1)
+        assert int(row[15]) == sum(cell.hang for cell in own)
+
+
+def test_text_of_others_stays_text(documents: tuple[str, str]) -> None:
+    markdown, html = documents
+    page = Page(html)
+    assert html.count("<script>") == 1
+    assert HOSTILE in "".join(page.text)
+    assert FAMILIES["row-scales-1e6"] in "".join(page.text)
+    rows = [line for line in markdown.splitlines() if line.startswith("| `row-scales")]
+    assert rows
+    assert all(line.replace("\\|", "").count("|") == 8 for line in rows)
+
+
+def test_a_percentage_reads_100_or_0_only_where_it_is() -> None:
+    assert [percent_text(value) for value in (100.0, 99.99, 50.0, 0.01, 0.0, None)] == [
+        "100",
+        "99.9",
+        "50.0",
+        "<0.1",
+        "0",
+        "–",
+    ]
+    assert [percent_text(value, 0) for value in (99.9, 28.999999999999996, 0.4)] == ["99", "29", "<1"]
+
+
+def test_both_documents_say_machine_versions_settings_command_seed_and_limitations(documents: tuple[str, str]) -> None:
+    for text in (documents[0], "".join(Page(documents[1]).text)):
+        for words in ("Linux", "3.11", "numpy", "time limit, s", "cpgrl compare --out", "Seed 3; 12 s", "Limitations"):
+            assert words in text
+
+
+@pytest.mark.parametrize("variants", [(), ("prepared",), ("raw",)])
+def test_a_part_of_the_comparison_can_be_reported(variants: tuple[str, ...], tmp_path: Path) -> None:
+    part = [each for each in drawn() if each.variant in variants]
+    markdown, html = written(tmp_path, part, context())
+    Page(html)
+    assert ("What the preparation buys" in markdown, "What the preparation buys" in html) == (False, False)
+    assert "nan" not in markdown
