@@ -102,22 +102,27 @@ class OSQPSession:
             self._workspace.update_settings(rho=self.settings.rho)
 
     def _run(self, count: int, k: int) -> BackEndAnswer:
-        from osqp import SolverStatus
-
         result = self._workspace.solve(raise_error=False)
-        failures = {
-            SolverStatus.OSQP_SOLVED: None,
-            SolverStatus.OSQP_SOLVED_INACCURATE: Status.UNCERTIFIED,
-            SolverStatus.OSQP_PRIMAL_INFEASIBLE: Status.INFEASIBLE,
-            SolverStatus.OSQP_PRIMAL_INFEASIBLE_INACCURATE: Status.INFEASIBLE,
-            SolverStatus.OSQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,
-            SolverStatus.OSQP_TIME_LIMIT_REACHED: Status.ITERATION_LIMIT,
-        }
-        verdict = failures.get(SolverStatus(result.info.status_val), Status.NUMERICAL_ERROR)
+        verdict = verdict_of(result.info.status_val)
         if result.x is None:
             return BackEndAnswer(None, None, int(result.info.iter), verdict)
         point = np.array(result.x[:k], dtype=np.float64)
         return BackEndAnswer(point, -np.array(result.y[:count]), int(result.info.iter), verdict)
+
+
+def verdict_of(status_value: int) -> Status | None:
+    """OSQP's verdict in our terms; None where it claims to have solved the problem."""
+    from osqp import SolverStatus
+
+    failures = {
+        SolverStatus.OSQP_SOLVED: None,
+        SolverStatus.OSQP_SOLVED_INACCURATE: Status.UNCERTIFIED,
+        SolverStatus.OSQP_PRIMAL_INFEASIBLE: Status.INFEASIBLE,
+        SolverStatus.OSQP_PRIMAL_INFEASIBLE_INACCURATE: Status.INFEASIBLE,
+        SolverStatus.OSQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,
+        SolverStatus.OSQP_TIME_LIMIT_REACHED: Status.ITERATION_LIMIT,
+    }
+    return failures.get(SolverStatus(status_value), Status.NUMERICAL_ERROR)
 
 
 def _workspace(settings: OSQP, A: np.ndarray, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Any:

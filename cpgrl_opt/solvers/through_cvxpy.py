@@ -133,7 +133,7 @@ class _Parametrised:
     def _answer(self, reduced: ReducedProblem) -> BackEndAnswer:
         stats: Any = self.problem.solver_stats
         iterations = int(stats.num_iters or 0) if stats is not None else 0
-        verdict = _VERDICTS.get(self.problem.status, Status.UNCERTIFIED)
+        verdict = VERDICTS.get(self.problem.status, Status.UNCERTIFIED)
         if self.x.value is None:
             return BackEndAnswer(None, None, iterations, verdict or Status.NUMERICAL_ERROR)
         multipliers = np.zeros(len(reduced.bound))
@@ -144,7 +144,7 @@ class _Parametrised:
         return BackEndAnswer(np.array(self.x.value), multipliers, iterations, verdict)
 
 
-_VERDICTS = {
+VERDICTS = {
     "optimal": None,
     "infeasible": Status.INFEASIBLE,
     "infeasible_inaccurate": Status.INFEASIBLE,

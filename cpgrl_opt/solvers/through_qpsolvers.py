@@ -179,10 +179,11 @@ class QPSolversBackend(LoopsOverBatches):
         try:
             with warnings.catch_warnings(), _without_remarks():  # on statuses that are handled here
                 warnings.simplefilter("ignore")
-                solution = solve_problem(_qp(reduced, facts.is_sparse), self.name, verbose=False, **options)
+                program = quadratic_program(reduced, facts.is_sparse)
+                solution = solve_problem(program, self.name, verbose=False, **options)
         except (ProblemError, SolverError):  # e.g. quadprog on dependent equalities
             return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
-        return _answer(reduced, solution)
+        return answer_of(reduced, solution)
 
 
 @contextmanager
@@ -210,7 +211,8 @@ class _Filter:
         return getattr(self._stream, name)
 
 
-def _qp(reduced: ReducedProblem, is_sparse: bool) -> Any:
+def quadratic_program(reduced: ReducedProblem, is_sparse: bool) -> Any:
+    """The problem as qpsolvers states it."""
     from qpsolvers import Problem
     from scipy.sparse import csc_matrix
 
@@ -224,7 +226,7 @@ def _qp(reduced: ReducedProblem, is_sparse: bool) -> Any:
     return Problem(matrix(np.eye(len(reduced.center))), -reduced.center, G, h, A, b)
 
 
-def _answer(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
+def answer_of(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
     """x, μ_I = z and μ_E = −y: qpsolvers' Lagrangian is that of Gx ≤ h and Ax = b."""
     verdict, iterations = _verdict(solution), _iterations(solution.extras)
     if solution.x is None:

@@ -1,0 +1,72 @@
+"""Who is compared: solvers of SOLVERS and people's own, behind our preparation and as the library alone."""
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ..problem import DirectionProblem
+from ..solvers import SOLVERS, is_installed, supports
+from .raw import RAW
+
+DEFAULT_SOLVER = "active-set"  # whose time is 1
+
+
+def solver_of(name: str) -> Any:
+    """SOLVERS[name], or NAME of `package.module:NAME`, the current folder being importable.
+
+    ValueError that lists the right names; whatever else the module raises on import is the module's.
+    """
+    if name in SOLVERS:
+        return SOLVERS[name]
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, or package.module:SOLVER; found {name!r}")
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    try:
+        found = getattr(import_module(module), attribute)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ValueError(f"solver should be package.module:SOLVER; found {name!r}: {error}") from error
+    found = found() if isinstance(found, type) else found
+    if not callable(getattr(found, "solve", None)):
+        raise ValueError(f"{name} should have a method solve(problem); found {found!r}")
+    return found
+
+
+def installed(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """(those whose package is there, those whose package is not); ValueError for a wrong name."""
+    present: list[str] = []
+    absent: list[str] = []
+    for name in dict.fromkeys(names):
+        (present if is_installed(solver_of(name)) else absent).append(name)
+    return tuple(present), tuple(absent)
+
+
+def variants_of(name: str) -> Sequence[str]:
+    """`prepared` for all, `raw` for what stands on a library that can be called without us."""
+    return ("prepared", "raw") if name in RAW else ("prepared",)
+
+
+def _all_of_them(problem: DirectionProblem) -> bool:  # noqa: ARG001
+    return True
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """solve: what is called and timed, with nothing of ours around it; supports: whether it takes a problem."""
+
+    solve: Callable[[DirectionProblem], Any]
+    supports: Callable[[DirectionProblem], bool]
+
+
+def contestant(name: str, variant: str) -> Contestant:
+    """Solver `name` in a variant."""
+    if variant == "raw":
+        return Contestant(RAW[name], _all_of_them)
+    solver = solver_of(name)
+    return Contestant(solver.solve, partial(supports, solver))

@@ -1,0 +1,78 @@
+"""What an answer is worth: the outcome of one solver on one problem, judged from the problem's data alone."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..direction import Direction, Status
+from ..kkt import farkas_residual, kkt_residuals
+from ..problem import DirectionProblem, lengths
+from .exact import ExactAnswer
+from .measurement import PROOF_TOLERANCE, SUCCESS_TOLERANCE, WRONG_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """outcome: one of OUTCOMES; status: the name of what was claimed; worst, distance: as in Measurement."""
+
+    outcome: str
+    status: str
+    worst: float
+    distance: float | None = None
+
+
+HUNG = Judgement("hang", "", float("inf"))
+CRASHED = Judgement("crash", "", float("inf"))
+UNSUPPORTED = Judgement("unsupported", Status.UNSUPPORTED.name, float("inf"))
+
+
+def as_direction(answer: Any, problem: DirectionProblem) -> Direction:
+    """A third party's answer in our types; TypeError, ValueError or AttributeError where it is no direction."""
+    value = np.array(answer.value, dtype=np.float64)
+    multipliers = np.array(answer.multipliers, dtype=np.float64)
+    if value.shape != (problem.n,) or multipliers.shape != (problem.m,):
+        raise ValueError(
+            f"value and multipliers should have shapes {(problem.n,)} and {(problem.m,)}; "
+            f"found {value.shape} and {multipliers.shape}"
+        )
+    return Direction(value, multipliers, Status(int(answer.status)))
+
+
+def judge(
+    problem: DirectionProblem, direction: Direction, *, feasible: bool, exact: ExactAnswer | None = None
+) -> Judgement:
+    """The outcome, as `measurement` defines it.
+
+    A right INFEASIBLE whose multipliers prove nothing is inaccurate: the verdict is right, and must be believed.
+    exact: the exact answer, for the distance of what is claimed optimal; None where it is unknown.
+    """
+    status = direction.status
+    if status == Status.UNSUPPORTED:
+        return UNSUPPORTED
+    if status == Status.INFEASIBLE:
+        if feasible:
+            return Judgement("false-infeasible", status.name, float("inf"))
+        residual = farkas_residual(problem, direction.multipliers)
+        return Judgement("success" if residual <= PROOF_TOLERANCE else "inaccurate", status.name, residual)
+    worst = kkt_residuals(problem, direction).worst
+    if status != Status.OPTIMAL:
+        return Judgement("honest-failure", status.name, worst)
+    if not feasible:
+        return Judgement("missed-infeasible", status.name, worst)
+    distance = None if exact is None else _distance(problem, direction, exact)
+    return Judgement(_claim_of_optimality(worst), status.name, worst, distance)
+
+
+def _claim_of_optimality(worst: float) -> str:
+    if worst <= SUCCESS_TOLERANCE:
+        return "success"
+    return "inaccurate" if worst <= WRONG_TOLERANCE else "silently-wrong"
+
+
+def _distance(problem: DirectionProblem, direction: Direction, exact: ExactAnswer) -> float | None:
+    """‖d − d*‖ / max(‖g‖, ‖d*‖), absolute where both vanish; None where d is not finite."""
+    if not np.isfinite(direction.value).all():
+        return None
+    size = max(float(lengths(problem.gradient)), float(lengths(exact.direction))) or 1.0
+    return float(lengths(direction.value / size - exact.direction / size))

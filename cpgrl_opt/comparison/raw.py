@@ -1,0 +1,121 @@
+"""Back ends as a user would call them: the problem as it stands, their default settings, no polishing, no second look.
+
+    min ½xᵀx − gᵀx   s.t.   Jᵢx ≥ bᵢ (i ∈ I),   Jᵢx = bᵢ (i ∈ E)
+
+What they claim is passed on unchecked; the comparison's referee judges it, and so shows what our preparation buys.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+
+from ..direction import Direction, Status
+from ..problem import DirectionProblem
+from ..solvers.osqp import verdict_of
+from ..solvers.reduction import BackEndAnswer, ReducedProblem
+from ..solvers.through_cvxpy import VERDICTS
+from ..solvers.through_qpsolvers import BACK_ENDS, answer_of, quadratic_program
+
+RawSolve = Callable[[DirectionProblem], Direction]
+
+
+def _through_qpsolvers(name: str, problem: DirectionProblem) -> Direction:
+    from qpsolvers import ProblemError, SolverError, solve_problem
+
+    whole = ReducedProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)  # nothing reduced
+    try:
+        solution = solve_problem(quadratic_program(whole, BACK_ENDS[name].is_sparse), name)
+    except (ProblemError, SolverError):  # the library's way to decline
+        return _claimed(problem, BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+    return _claimed(problem, answer_of(whole, solution))
+
+
+def _osqp(problem: DirectionProblem) -> Direction:
+    import osqp
+    from scipy.sparse import csc_matrix
+
+    upper = np.where(problem.equality, problem.bound, np.inf)
+    workspace = osqp.OSQP()
+    identity = csc_matrix(np.eye(problem.n))
+    workspace.setup(identity, -problem.gradient, csc_matrix(problem.jacobian), problem.bound, upper, verbose=False)
+    result = workspace.solve(raise_error=False)
+    verdict = verdict_of(result.info.status_val)
+    certificate = result.prim_inf_cert if verdict == Status.INFEASIBLE else result.y
+    return _claimed(problem, BackEndAnswer(result.x, -np.asarray(certificate), failure=verdict))
+
+
+def _cvxpy(problem: DirectionProblem) -> Direction:
+    import cvxpy
+
+    d = cvxpy.Variable(problem.n)
+    parts = []
+    for mask, is_equality in ((~problem.equality, False), (problem.equality, True)):
+        if mask.any():
+            left, right = problem.jacobian[mask] @ d, problem.bound[mask]
+            parts.append((mask, is_equality, left == right if is_equality else left >= right))
+    objective = cvxpy.Minimize(0.5 * cvxpy.sum_squares(d - problem.gradient))
+    statement = cvxpy.Problem(objective, [constraint for *_, constraint in parts])
+    try:
+        statement.solve()
+    except cvxpy.SolverError:
+        return _claimed(problem, BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+    multipliers = np.zeros(problem.m)
+    for mask, is_equality, constraint in parts:
+        if constraint.dual_value is not None:
+            multipliers[mask] = (-1.0 if is_equality else 1.0) * constraint.dual_value
+    verdict = VERDICTS.get(statement.status, Status.UNCERTIFIED)
+    return _claimed(problem, BackEndAnswer(d.value, multipliers, failure=verdict))
+
+
+def _nnls(problem: DirectionProblem) -> Direction:
+    """LDP as printed: u = argmin_{u ≥ 0} ‖Eu − f‖, E = [Gᵀ; hᵀ], f = (0, …, 0, 1), z = −r/rₙ₊₁, with z = d − g.
+
+    An equality is two inequalities. Lawson & Hanson, Solving Least Squares Problems, ch. 23.
+    """
+    from scipy.optimize import nnls
+
+    E = np.flatnonzero(problem.equality)
+    G = np.vstack([problem.jacobian, -problem.jacobian[E]])
+    bound = np.append(problem.bound, -problem.bound[E])
+    matrix = np.vstack([G.T, bound - G @ problem.gradient])
+    target = np.zeros(problem.n + 1)
+    target[-1] = 1.0
+    try:
+        u, distance = nnls(matrix, target)
+    except (RuntimeError, ValueError):  # too many iterations; −∞ in b
+        return _claimed(problem, BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+    r = matrix @ u - target
+    if distance <= np.finfo(np.float64).eps:  # ‖r‖ = 0 as printed
+        return _claimed(problem, BackEndAnswer(None, _folded(u, E, problem.m), failure=Status.INFEASIBLE))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        point, weights = problem.gradient - r[:-1] / r[-1], _folded(-u / r[-1], E, problem.m)
+    return _claimed(problem, BackEndAnswer(point, weights))
+
+
+def _folded(weights: np.ndarray, equalities: np.ndarray, m: int) -> np.ndarray:
+    """One signed multiplier for the two inequalities of an equality."""
+    multipliers = weights[:m].copy()
+    multipliers[equalities] -= weights[m:]
+    return multipliers
+
+
+def _claimed(problem: DirectionProblem, answer: BackEndAnswer) -> Direction:
+    """The library's own claim; without a point or multipliers, zeros in their place."""
+    point = np.zeros(problem.n) if answer.point is None else answer.point
+    multipliers = np.zeros(problem.m) if answer.multipliers is None else answer.multipliers
+    status = answer.failure
+    if status is None:
+        status = Status.NUMERICAL_ERROR if answer.point is None else Status.OPTIMAL
+    return Direction(point, multipliers, status, answer.iterations)
+
+
+RAW: Mapping[str, RawSolve] = MappingProxyType(
+    {
+        "nnls": _nnls,
+        "osqp": _osqp,
+        **{name: partial(_through_qpsolvers, name) for name in BACK_ENDS},
+        "cvxpy": _cvxpy,
+    }
+)

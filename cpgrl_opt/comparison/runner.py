@@ -1,0 +1,143 @@
+"""Every solver × variant on every family: each cell in a worker process, the finished ones on the disk at once."""
+
+import queue
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .checkpoint import CellKey, Checkpoint
+from .contestants import installed, variants_of
+from .families import FAMILIES
+from .measurement import Measurement, write_measurements
+from .processes import WorkerProcess
+from .worker import Order
+
+_LARGE_SHARE = 5  # of a family of large problems, one problem in five
+
+Listen = Callable[[CellKey, int, int], None]  # (a cell that is finished, how many are, how many there are)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonSettings:
+    """What is compared, and how thoroughly.
+
+    solvers: names that are installed; families: keys of FAMILIES; problems: of each family (a fifth of it where they
+    are large); repeats: timed calls of each solver on a problem; limit: CPU seconds after which an answer is a hang,
+    and what failures count as.
+    """
+
+    solvers: tuple[str, ...]
+    families: tuple[str, ...]
+    problems: int = 20
+    seed: int = 0
+    repeats: int = 5
+    limit: float = 5.0
+
+    def __post_init__(self) -> None:
+        """ValueError for what cannot be run."""
+        for name in ("problems", "repeats"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} should be an integer ≥ 1; found {getattr(self, name)}")
+        if not self.limit > 0:
+            raise ValueError(f"limit should be positive seconds; found {self.limit}")
+        if self.seed < 0:
+            raise ValueError(f"seed should be an integer ≥ 0; found {self.seed}")
+        if not self.solvers or installed(self.solvers)[1]:
+            raise ValueError(f"solvers should be installed, at least one; found {', '.join(self.solvers) or 'none'}")
+
+    def cells(self) -> dict[CellKey, int]:
+        """Every solver × variant × family with its number of problems, family by family."""
+        return {
+            (solver, variant, family): self.problems_of(family)
+            for family in self.families
+            for solver in self.solvers
+            for variant in variants_of(solver)
+            if variant == "prepared" or not FAMILIES[family].is_large
+        }
+
+    def problems_of(self, family: str) -> int:
+        """How many problems of a family are tried."""
+        return max(1, self.problems // _LARGE_SHARE) if FAMILIES[family].is_large else self.problems
+
+    def order(self, cell: CellKey, problem: int) -> Order:
+        """What a worker is sent."""
+        return Order(*cell, problem, self.seed, self.limit, self.repeats)
+
+
+def run_comparison(
+    settings: ComparisonSettings,
+    checkpoint: Checkpoint,
+    *,
+    jobs: int = 1,
+    listen: Listen | None = None,
+) -> list[Measurement]:
+    """All measurements, in the order of `settings.cells()`, which is also that of the file in the end.
+
+    Cells that the checkpoint holds are not run again. Ctrl-C, or an error, ends the workers; what was finished stays.
+    """
+    if jobs < 1:
+        raise ValueError(f"jobs should be an integer ≥ 1; found {jobs}")
+    cells = settings.cells()
+    done = checkpoint.finished(cells)
+    remaining = [cell for cell in cells if cell not in done]
+    for measurements in _measured(settings, remaining, jobs):
+        first = measurements[0]
+        cell = (first.solver, first.variant, first.family)
+        checkpoint.append(measurements)
+        done[cell] = measurements
+        if listen is not None:
+            listen(cell, len(done), len(cells))
+    ordered = [each for cell in cells for each in done[cell]]
+    write_measurements(checkpoint.path, ordered)
+    return ordered
+
+
+def open_checkpoint(settings: ComparisonSettings, folder: Path, versions: object, *, anew: bool = False) -> Checkpoint:
+    """The folder's checkpoint; see `Checkpoint` for when it is refused."""
+    facts = {name: getattr(settings, name) for name in ("problems", "seed", "repeats", "limit")}
+    return Checkpoint(folder, {**facts, "versions": versions}, anew=anew)
+
+
+def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterable[list[Measurement]]:
+    """The cells' measurements as they are finished, by `jobs` threads with a worker process each."""
+    waiting: queue.SimpleQueue[CellKey] = queue.SimpleQueue()
+    for cell in cells:
+        waiting.put(cell)
+    finished: queue.SimpleQueue[list[Measurement] | BaseException] = queue.SimpleQueue()
+    workers = [WorkerProcess() for _ in range(min(jobs, len(cells)))]
+    threads = [threading.Thread(target=_work, args=(settings, each, waiting, finished)) for each in workers]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in cells:
+            result = finished.get()
+            if isinstance(result, BaseException):
+                raise result
+            yield result
+    finally:
+        while not waiting.empty():
+            waiting.get()
+        for worker in workers:
+            worker.close()
+        for thread in threads:
+            thread.join()
+
+
+def _work(
+    settings: ComparisonSettings,
+    worker: WorkerProcess,
+    waiting: "queue.SimpleQueue[CellKey]",
+    finished: "queue.SimpleQueue[list[Measurement] | BaseException]",
+) -> None:
+    while True:
+        try:
+            cell = waiting.get_nowait()
+        except queue.Empty:
+            return
+        try:
+            count = settings.problems_of(cell[2])
+            finished.put([worker.carry_out(settings.order(cell, number)) for number in range(count)])
+        except BaseException as error:  # goes on in the main thread
+            finished.put(error)
+            return
