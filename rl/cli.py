@@ -114,6 +114,34 @@ def export(
     typer.echo(f"Wrote {len(recorded)} problems into {test_set}")
 
 
+@app.command()
+def compare(
+    solvers: Annotated[str, typer.Option(help="Of `cpgrl solvers`, or package.module:SOLVER; default all.")] = "",
+    families: Annotated[str, typer.Option(help="Families of problems, * for many; default all.")] = "",
+    problems: Annotated[int | None, typer.Option(help="Problems of each family: 20, or 3 with --quick.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the problems.")] = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="Under a minute: fewer families and problems.")] = False,
+    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/compare"),
+    jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core.")] = 0,
+    anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or keep the cells in OUT.")] = False,
+) -> None:
+    """Every direction solver on families of problems: accuracy beside time, raw libraries beside ours."""
+    from cpgrl_opt.comparison.command import Request, run_command
+
+    with _clean_errors():
+        request = Request(
+            solvers=_names(solvers), families=_names(families), problems=problems, seed=seed, quick=quick
+        )  # fmt: skip
+        try:
+            run_command(request, out, jobs=_processes(jobs), anew=anew, say=lambda text: typer.echo(text, err=True))
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def _names(listed: str) -> list[str]:
+    return [name.strip() for name in listed.split(",") if name.strip()]
+
+
 @reproduce.command("three-state")
 def three_state(
     runs: Annotated[int, typer.Option(help="Independent runs of each method.")] = 20,

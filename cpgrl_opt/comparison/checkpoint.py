@@ -12,6 +12,8 @@ from .measurement import Measurement, columns, from_row, to_row, write_measureme
 
 MEASUREMENTS, SETTINGS = "measurements.csv", "settings.json"
 
+_TIME = "wall_seconds"  # beside the settings, and no setting
+
 CellKey = tuple[str, str, str]  # solver, variant, family
 
 
@@ -26,11 +28,19 @@ class Checkpoint:
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / MEASUREMENTS
         self._settings = folder / SETTINGS
+        self.wall_seconds = 0.0
         if anew or not self.path.exists():
             self.path.unlink(missing_ok=True)
         else:
             self._require_agreement(folder, settings)
-        self._settings.write_text(json.dumps(settings, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        self._facts = dict(settings)
+        self.add_time(0.0)
+
+    def add_time(self, seconds: float) -> None:
+        """Adds to `wall_seconds`, the time spent on the folder so far, over all runs."""
+        self.wall_seconds += seconds
+        text = json.dumps({**self._facts, _TIME: round(self.wall_seconds, 1)}, indent=2, ensure_ascii=False)
+        self._settings.write_text(text + "\n", encoding="utf-8")
 
     def finished(self, problems: Mapping[CellKey, int]) -> dict[CellKey, list[Measurement]]:
         """The cells that are there whole (problems: how many each should have); the rest leaves the file."""
@@ -55,6 +65,7 @@ class Checkpoint:
             before = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             before = {}
+        self.wall_seconds = float(before.get(_TIME, 0.0))
         differing = {name: before.get(name) for name in settings if before.get(name) != settings[name]}
         if differing:
             name, value = next(iter(differing.items()))

@@ -60,6 +60,18 @@ class ComparisonSettings:
         """How many problems of a family are tried."""
         return max(1, self.problems // _LARGE_SHARE) if FAMILIES[family].is_large else self.problems
 
+    def described(self, jobs: int) -> dict[str, object]:
+        """The settings in a reader's words."""
+        large = self.problems_of(next(name for name, family in FAMILIES.items() if family.is_large))
+        return {
+            "problems per family": self.problems,
+            "problems per family of large ones (n > 100)": large,
+            "timed calls of a problem": self.repeats,
+            "limit in CPU seconds, at which failures count": self.limit,
+            "worker processes, one thread each": jobs,
+            "raw variants": "library defaults, no scaling, no polishing; n ≤ 100",
+        }
+
     def order(self, cell: CellKey, problem: int) -> Order:
         """What a worker is sent."""
         return Order(*cell, problem, self.seed, self.limit, self.repeats)

@@ -1,0 +1,180 @@
+"""The body of `cpgrl compare`: what is asked for, run, written and said."""
+
+import os
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import monotonic
+
+from ..solvers import SOLVERS
+from .checkpoint import MEASUREMENTS, CellKey
+from .contestants import DEFAULT_SOLVER, installed
+from .families import FAMILIES, families_named
+from .measurement import Cell, Measurement, cells_of, write_cells
+from .runner import ComparisonSettings, Listen, open_checkpoint, run_comparison
+
+CELLS, REPORTS = "solvers.csv", ("report.md", "report.html")
+PROBLEMS = 20
+QUICK_PROBLEMS = 3
+# One of each kind, without the slowest sizes and without those on which libraries are known to hang.
+QUICK_FAMILIES = (
+    "well-conditioned",
+    "well-conditioned-bounds",
+    "well-conditioned-equality",
+    "well-conditioned-80x2",
+    "opposing-1e-4",
+    "opposing-1e-8",
+    "duplicate",
+    "sum-to-zero-equality",
+    "row-scales-1e6",
+    "gradients-1e-4",
+    "cone-of-zero",
+    "infeasible",
+    "weakly-infeasible-1e-6",
+)
+_PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "qpsolvers")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What the user typed: names, or None for all; problems None for as many as `quick` says."""
+
+    solvers: Sequence[str] | None = None
+    families: Sequence[str] | None = None
+    problems: int | None = None
+    seed: int = 0
+    quick: bool = False
+
+    def settings(self) -> tuple[ComparisonSettings, tuple[str, ...]]:
+        """(what can be run, the solvers that are not installed). ValueError for wrong names and numbers."""
+        present, absent = installed(self.solvers or SOLVERS)
+        if not present:
+            raise ValueError(f"solvers should have an installed one among them; found {', '.join(absent)}")
+        standard = QUICK_FAMILIES if self.quick else tuple(FAMILIES)
+        problems = (QUICK_PROBLEMS if self.quick else PROBLEMS) if self.problems is None else self.problems
+        limits = {"repeats": 3, "limit": 2.0} if self.quick else {"repeats": 5, "limit": 5.0}
+        settings = ComparisonSettings(
+            solvers=present,
+            families=tuple(families_named(self.families or standard)),
+            problems=problems,
+            seed=self.seed,
+            repeats=int(limits["repeats"]),
+            limit=limits["limit"],
+        )
+        return settings, absent
+
+    def command(self) -> str:
+        """What to type to get the same again."""
+        chosen = {"solvers": self.solvers, "families": self.families}
+        words = ["cpgrl compare", *(f"--{name} {','.join(names)}" for name, names in chosen.items() if names)]
+        words += [] if self.problems is None else [f"--problems {self.problems}"]
+        words += ["--quick"] if self.quick else []
+        return " ".join([*words, f"--seed {self.seed}"])
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What came of it: measurements, their cells, the solvers that are not installed, the files written."""
+
+    measurements: Sequence[Measurement]
+    cells: Sequence[Cell]
+    absent: Sequence[str]
+    files: Sequence[Path]
+
+
+def compare(
+    request: Request, folder: Path, *, jobs: int = 1, anew: bool = False, listen: Listen | None = None
+) -> Comparison:
+    """Runs what is not yet in `folder`, and writes measurements.csv, solvers.csv, report.md and report.html there."""
+    from .report import ReportContext, write_report
+
+    settings, absent = request.settings()
+    found = versions(settings.solvers)
+    checkpoint = open_checkpoint(settings, folder, found, anew=anew)
+    start = monotonic()
+    try:
+        measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)
+    finally:
+        checkpoint.add_time(monotonic() - start)
+    cells = cells_of(measurements)
+    write_cells(folder / CELLS, cells)
+    context = ReportContext(
+        command=request.command(),
+        machine=machine(),
+        versions=found | {_package(name): "not installed" for name in absent},
+        settings=settings.described(jobs),
+        families={name: FAMILIES[name].reason for name in settings.families},
+        seed=settings.seed,
+        wall_seconds=checkpoint.wall_seconds,
+        default_solver=DEFAULT_SOLVER,
+    )
+    reports = write_report(cells, measurements, context, folder)
+    return Comparison(measurements, cells, absent, (checkpoint.path, folder / CELLS, *reports))
+
+
+def versions(solvers: Sequence[str]) -> dict[str, str]:
+    """Versions of Python, of what everything uses, and of what these solvers stand on."""
+    found = {"python": platform.python_version()}
+    for package in dict.fromkeys((*_PACKAGES, *map(_package, solvers))):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # a bare checkout, or someone's own module
+            found[package] = "no version known"
+    return found
+
+
+def machine() -> dict[str, object]:
+    """Operating system, processor and cores."""
+    return {"system": platform.platform(), "processor": _processor(), "cores": os.cpu_count() or 1}
+
+
+def _processor() -> str:
+    """The processor's name where the system tells it, else its architecture."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _package(solver: str) -> str:
+    package = getattr(SOLVERS.get(solver), "package", None)
+    return package if package is not None else solver.partition(":")[0].partition(".")[0]
+
+
+@contextmanager
+def comparison_progress() -> Iterator[Listen]:
+    """A progress bar on stderr while the context lasts, gone afterwards; silent where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    words = TextColumn("cells"), TimeRemainingColumn(), TextColumn("{task.description}")
+    columns = BarColumn(), MofNCompleteColumn(), *words
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task("starting", total=None)
+
+        def listen(cell: CellKey, finished: int, total: int) -> None:
+            bars.update(task, completed=finished, total=total, description=" ".join(cell))
+
+        yield listen
+
+
+def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: Callable[[str], None]) -> None:
+    """`cpgrl compare`: runs, writes, prints the main table; KeyboardInterrupt passes after saying what is kept."""
+    from .summary_table import print_summary
+
+    try:
+        with comparison_progress() as listen:
+            done = compare(request, folder, jobs=jobs, anew=anew, listen=listen)
+    except KeyboardInterrupt:
+        say(f"Interrupted. {folder / MEASUREMENTS} holds every finished cell; the same command goes on from there.")
+        raise
+    print_summary(done.cells)
+    for name in done.absent:
+        say(f"{name} is not installed, so that it is not compared; see `cpgrl solvers`.")
+    say(f"Wrote {', '.join(path.name for path in done.files)} into {folder}")

@@ -1,0 +1,169 @@
+"""The comparison survives what it compares: every misconduct gets its name, and what was finished stays."""
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import Direction, DirectionProblem, Status
+from cpgrl_opt.comparison.exact import exact_answer
+from cpgrl_opt.comparison.judgement import as_direction, judge
+from cpgrl_opt.comparison.measurement import Measurement, read_measurements
+from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint, run_comparison
+
+MISCONDUCT = """
+import os, sys, time
+import numpy as np
+from cpgrl_opt import SOLVERS, Direction, Status
+
+class Solver:
+    def __init__(self, act, status=Status.OPTIMAL):
+        self.act, self.status = act, status
+    def solve(self, problem):
+        self.act()
+        return Direction(problem.gradient + 0.1, np.zeros(problem.m), self.status)
+
+class Printing:
+    def solve(self, problem):
+        os.write(1, b"iteration 1")
+        return SOLVERS["active-set"].solve(problem)
+
+def fail():
+    raise RuntimeError("broken")
+
+nothing = lambda: None
+LYING = Solver(nothing)
+DECLINING = Solver(nothing, Status.UNCERTIFIED)
+PESSIMISTIC = Solver(nothing, Status.INFEASIBLE)
+RAISING = Solver(fail)
+EXITING = Solver(lambda: os._exit(3))
+SLEEPING = Solver(lambda: time.sleep(60))
+SLOW = Solver(lambda: time.sleep(3))
+"""
+
+EXPECTED = {
+    "active-set": "success",
+    "misconduct:LYING": "silently-wrong",
+    "misconduct:DECLINING": "honest-failure",
+    "misconduct:PESSIMISTIC": "false-infeasible",
+    "misconduct:RAISING": "crash",
+    "misconduct:EXITING": "crash",
+    "misconduct:SLEEPING": "hang",
+    "misconduct:Printing": "success",
+}
+
+
+@pytest.fixture
+def misconduct(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "misconduct.py").write_text(MISCONDUCT)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "misconduct", raising=False)
+    return tmp_path
+
+
+def run(folder: Path, *, anew: bool = False, **settings: object) -> list[Measurement]:
+    chosen = ComparisonSettings(**{"problems": 1, "repeats": 1, "limit": 0.1, **settings})  # type: ignore[arg-type]
+    return run_comparison(chosen, open_checkpoint(chosen, folder, {}, anew=anew))
+
+
+def test_every_misconduct_gets_its_name_and_costs_one_problem(misconduct: Path) -> None:
+    measurements = run(misconduct / "out", solvers=tuple(EXPECTED), families=("well-conditioned-equality",))
+    assert {each.solver: each.outcome for each in measurements} == EXPECTED
+    assert [each.solver for each in measurements if each.noise] == ["misconduct:Printing"]
+    assert read_measurements(misconduct / "out" / "measurements.csv") == measurements
+    late = next(each for each in measurements if each.outcome == "hang")
+    assert (late.seconds, late.worst) == (0.1, float("inf"))
+    assert late.ratio > 100
+
+
+def test_a_killed_comparison_goes_on_where_it_was(misconduct: Path) -> None:
+    settings = "solvers=('active-set', 'misconduct:SLOW'), families=('zero-rows',), problems=2, repeats=1"
+    program = (
+        f"import sys; sys.path[:] = {[str(misconduct), *sys.path]!r}\n"
+        "from pathlib import Path\n"
+        "from cpgrl_opt.comparison.runner import *\n"
+        f"settings = ComparisonSettings({settings})\n"
+        f"run_comparison(settings, open_checkpoint(settings, Path({str(misconduct / 'out')!r}), {{}}))\n"
+    )
+    path = misconduct / "out" / "measurements.csv"
+    with subprocess.Popen([sys.executable, "-c", program]) as process:
+        while process.poll() is None and not (path.exists() and path.read_text().count("\n") > 2):
+            time.sleep(0.05)
+        process.kill()
+    assert process.returncode != 0, "killed in the midst of the second solver"
+    before = read_measurements(path)
+    assert [each.solver for each in before] == ["active-set"] * 2
+    path.write_text(path.read_text() + "active-set,prepared,duplica")  # as a crash in the midst of writing leaves it
+    after = run(misconduct / "out", solvers=("active-set",), families=("zero-rows", "duplicate"), problems=2, limit=5.0)
+    assert after[:2] == before, "measured once, to the last digit of its time"
+    assert [each.family for each in after] == ["zero-rows"] * 2 + ["duplicate"] * 2
+
+
+def test_other_settings_are_refused_with_advice(tmp_path: Path) -> None:
+    settings = ComparisonSettings(solvers=("active-set",), families=("zero-rows",))
+    open_checkpoint(settings, tmp_path, {"numpy": "2.4"}).finished({})
+    open_checkpoint(settings, tmp_path, {"numpy": "2.4"})
+    with pytest.raises(ValueError, match=r"made with seed = 0, and seed is now 1; .* or --anew"):
+        open_checkpoint(replace(settings, seed=1), tmp_path, {"numpy": "2.4"})
+    with pytest.raises(ValueError, match="versions"):
+        open_checkpoint(settings, tmp_path, {"numpy": "2.5"})
+    open_checkpoint(replace(settings, seed=1), tmp_path, {}, anew=True)
+
+
+def test_a_hole_in_the_file_costs_its_cell_only(tmp_path: Path) -> None:
+    settings = ComparisonSettings(solvers=("active-set",), families=("zero-rows", "duplicate"), problems=2)
+    checkpoint = open_checkpoint(settings, tmp_path, {})
+    checkpoint.finished({})
+    row = Measurement(
+        solver="active-set", variant="prepared", family="zero-rows", problem=0, n=9, m=4, status="OPTIMAL",
+        outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
+    )  # fmt: skip
+    checkpoint.append([row, replace(row, problem=1)])
+    checkpoint.append([replace(row, family="duplicate"), replace(row, family="duplicate", problem=1)])
+    lines = checkpoint.path.read_text().splitlines(keepends=True)
+    checkpoint.path.write_text("".join(lines[:-1]) + lines[-1][:20])
+    finished = checkpoint.finished(settings.cells())
+    assert list(finished) == [("active-set", "prepared", "zero-rows")]
+    assert read_measurements(checkpoint.path) == [row, replace(row, problem=1)]
+
+
+def test_wrong_settings_say_what_should_be() -> None:
+    with pytest.raises(ValueError, match=r"solver should be one of rosen, .*, or package.module:SOLVER; found 'ospq'"):
+        ComparisonSettings(solvers=("ospq",), families=())
+    with pytest.raises(ValueError, match=r"problems should be an integer ≥ 1; found 0"):
+        ComparisonSettings(solvers=("active-set",), families=(), problems=0)
+    with pytest.raises(ValueError, match=r"limit should be positive seconds; found -1"):
+        ComparisonSettings(solvers=("active-set",), families=(), limit=-1.0)
+
+
+HALF_PLANE = DirectionProblem([3.0, -4.0], [[0.0, 1.0]])  # d* = (3, 0), μ = 4
+IMPOSSIBLE = DirectionProblem([3.0, -4.0], [[0.0, 1.0], [0.0, -1.0]], [1.0, 1.0])  # y = (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome"), [(0.0, "success"), (1e-10, "success"), (1e-7, "inaccurate"), (1e-5, "silently-wrong")]
+)
+def test_a_claim_of_optimality_is_worth_its_residual(error: float, outcome: str) -> None:
+    answer = Direction(np.array([3.0, -5.0 * error]), np.array([4.0 - 5.0 * error]), Status.OPTIMAL)
+    judged = judge(HALF_PLANE, answer, feasible=True, exact=exact_answer(HALF_PLANE))
+    assert judged.outcome == outcome
+    assert judged.distance == pytest.approx(error, abs=1e-15)
+
+
+def test_a_verdict_of_infeasibility_is_worth_its_proof() -> None:
+    for y, outcome in (([1.0, 1.0], "success"), ([1.0, 1.001], "inaccurate"), ([0.0, 0.0], "inaccurate")):
+        answer = Direction(np.zeros(2), np.array(y), Status.INFEASIBLE)
+        assert judge(IMPOSSIBLE, answer, feasible=False).outcome == outcome
+    claimed = Direction(np.zeros(2), np.zeros(2), Status.OPTIMAL)
+    assert judge(IMPOSSIBLE, claimed, feasible=False).outcome == "missed-infeasible"
+    assert judge(IMPOSSIBLE, replace(claimed, status=Status.UNCERTIFIED), feasible=False).outcome == "honest-failure"
+
+
+def test_an_answer_of_another_shape_is_none() -> None:
+    with pytest.raises(ValueError, match="value and multipliers should have shapes"):
+        as_direction(SimpleNamespace(value=[1.0], multipliers=[0.0], status=0), HALF_PLANE)
