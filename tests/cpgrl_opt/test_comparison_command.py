@@ -1,0 +1,66 @@
+"""The body of `cpgrl compare`: what it writes, what it says, how it refuses."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cpgrl_opt.comparison.command import QUICK_FAMILIES, Request, compare, run_command
+from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.comparison.measurement import Measurement, cells_of, read_cells, read_measurements
+from cpgrl_opt.comparison.summary_table import summary_row
+
+TINY = Request(solvers=["active-set", "nnls", "scs"], families=["zero-rows*"], problems=2)
+
+
+def test_it_writes_the_files_says_what_is_missing_and_does_nothing_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "scs")
+    said: list[str] = []
+    run_command(TINY, tmp_path, jobs=1, anew=False, say=said.append)
+    assert said[0].startswith("scs is not installed")
+    assert said[1].startswith("Wrote measurements.csv, solvers.csv, report.md, report.html into")
+    assert "active-set" in capsys.readouterr().out
+    with (tmp_path / "solvers.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows[0][:3] == ["solver", "variant", "family"]
+    assert [row[0] for row in rows[1:]] == ["active-set", "nnls", "nnls"] * 2
+    assert "| scs | not installed |" in (tmp_path / "report.md").read_text()
+    measurements = read_measurements(tmp_path / "measurements.csv")
+    assert read_cells(tmp_path / "solvers.csv") == cells_of(measurements)
+    assert all(each.outcome == "success" for each in measurements if each.variant == "prepared")
+
+    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    assert compare(TINY, tmp_path).measurements == measurements
+
+
+def test_quick_is_a_part_of_the_whole() -> None:
+    quick, _ = Request(quick=True, solvers=["active-set"]).settings()
+    whole, _ = Request(solvers=["active-set"]).settings()
+    assert set(quick.families) == set(QUICK_FAMILIES) < set(whole.families) == set(FAMILIES)
+    assert (quick.problems, whole.problems) == (3, 20)
+    assert Request(quick=True, solvers=["osqp"], problems=4).command() == (
+        "cpgrl compare --solvers osqp --problems 4 --quick --seed 0"
+    )
+
+
+def test_large_families_are_tried_on_fewer_problems_and_not_raw() -> None:
+    settings, _ = Request(solvers=["nnls"], problems=10).settings()
+    cells = settings.cells()
+    assert cells["nnls", "prepared", "well-conditioned-1000x5"] == 2
+    assert ("nnls", "raw", "well-conditioned-1000x5") not in cells
+    assert cells["nnls", "raw", "well-conditioned"] == 10
+
+
+def test_a_summary_leaves_out_what_a_solver_does_not_take() -> None:
+    solved = Measurement(
+        solver="rosen", variant="prepared", family="duplicate", problem=0, n=9, m=4, status="OPTIMAL",
+        outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=2.0, limit=5.0, noise=False,
+    )  # fmt: skip
+    wrong = replace(solved, family="zero-rows", outcome="silently-wrong", ratio=4.0, seconds=2e-5)
+    other = replace(solved, family="infeasible", outcome="unsupported", ratio=0.0, seconds=0.0)
+    # (2 · 2 · 5 s / 5 µs)^(1/3) is what 5 s for the wrong one make of it.
+    assert summary_row(cells_of([solved, replace(solved, problem=1), wrong, other])) == ("66.7 %", "33.3 %", "159")
+    assert summary_row(cells_of([other])) == ("–", "–", "–")
