@@ -177,7 +177,7 @@ def test_text_of_others_stays_text(documents: tuple[str, str]) -> None:
 
 
 def test_a_percentage_reads_100_or_0_only_where_it_is() -> None:
-    assert [percent_text(value) for value in (100.0, 99.99, 50.0, 0.01, 0.0, None)] == [
+    assert [percent_text(value) for value in (100.0, 100.0 - 1e-9, 50.0, 0.01, 0.0, None)] == [
         "100",
         "99.9",
         "50.0",
