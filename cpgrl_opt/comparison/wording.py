@@ -1,7 +1,5 @@
 """Numbers and sentences that both documents share, so that they cannot differ."""
 
-import math
-
 from .choice import Choice
 from .findings import Findings
 from .tallies import UNSAFE, Tally
@@ -10,7 +8,7 @@ NOTHING = "–"
 
 
 def percent_text(value: float | None, digits: int = 1) -> str:
-    """A percentage, cut so that only all reads 100 and only none reads 0; – where nothing was asked."""
+    """A percentage, rounded, but only all reads 100 and only none reads 0; – where nothing was asked."""
     if value is None:
         return NOTHING
     if value in (0.0, 100.0):
@@ -18,8 +16,7 @@ def percent_text(value: float | None, digits: int = 1) -> str:
     unit = 10.0**-digits
     if value < unit:
         return f"<{unit:.{digits}f}"
-    inside = min(value, 100.0 - unit)
-    return f"{math.floor(inside / unit + 1e-6) * unit:.{digits}f}"
+    return f"{min(value, 100.0 - unit):.{digits}f}"
 
 
 def ratio_text(value: float | None) -> str:
@@ -50,14 +47,23 @@ def terms() -> tuple[tuple[str, str], ...]:
     return (
         (
             "prepared",
-            "the solver as this package offers it: rows scaled to unit length, reduced coordinates, certified.",
+            "the solver as this package offers it: unit rows, at most m + 1 coordinates, the answer polished once on "
+            "the face found, judged by the referee before it is claimed; infeasibility is proven by the package's own "
+            "projection, whatever the back end.",
         ),
-        ("raw", "the back end called directly with its library's default settings, on small problems only."),
+        (
+            "raw",
+            "the library called directly, its settings left at their defaults, its claims passed on unchecked; on "
+            "small problems only.",
+        ),
         (
             "success",
             "right verdict and all residuals ≤ 1e-9; where infeasible, INFEASIBLE with a Farkas vector that checks.",
         ),
-        ("inaccurate", "claimed optimal, worst residual between 1e-9 and 1e-6."),
+        (
+            "inaccurate",
+            "claimed optimal, worst residual between 1e-9 and 1e-6; or rightly called infeasible without a proof.",
+        ),
         ("silently wrong", "claimed optimal, worst residual above 1e-6."),
         ("honest failure", "no answer claimed: the status says so."),
         (
@@ -90,10 +96,12 @@ def choice_sentences(choice: Choice, default_solver: str) -> list[str]:
 
 
 def _merits(each: Tally, default_solver: str) -> str:
-    return (
-        f"{percent_text(each.percent('success'))} % success on {each.taken} of {each.problems} problems, "
-        f"{unsafe_text(each)}, mean time {ratio_text(each.time_ratio)} × {default_solver}'s with failures at the limit"
-    )
+    if each.solver == default_solver:
+        pace = "the solver to whose time all others' are ratios"
+    else:
+        pace = f"{ratio_text(each.time_ratio)} × {default_solver}'s time, failures counted at the limit"
+    solved = f"{percent_text(each.percent('success'))} % success on {each.taken} of {each.problems} problems"
+    return f"{solved}, {unsafe_text(each)}, {pace}"
 
 
 def unsafe_text(each: Tally) -> str:
@@ -114,7 +122,11 @@ def limitations(findings: Findings) -> list[str]:
         "Differences below a factor of about 1.5 mean little.",
         "A failure costs the time limit in every mean of times, so that giving up early is not rewarded; a longer "
         "limit makes the same failures look slower.",
-        f"Raw back ends run at their libraries' defaults, not tuned; tighter settings help some of them.{raw}",
+        "Raw back ends run at their libraries' defaults. Those of first-order and interior-point methods ask for less "
+        "than the 1e-9 that counts as success here, so much of what is inaccurate is a matter of settings; silently "
+        f"wrong is not.{raw}",
+        "What the preparation adds is more than scaling: polishing and proofs of infeasibility are the package's own work, "
+        "so agreement of prepared solvers on infeasible problems is no independent evidence.",
         "The referee's residuals are relative to the sizes of g and d on unit rows. Rows closer to opposing than about "
         "1e-10 rad cannot be certified in float64: there an honest failure is the best possible answer.",
         "The distance to the exact direction is measured only where the direction is well determined by float64 data "

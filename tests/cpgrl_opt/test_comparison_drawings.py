@@ -86,6 +86,7 @@ def test_a_curve_ends_at_the_share_solved_and_a_failure_never_lifts_it(findings:
         for path in re.findall(r'<path d="(\S* \S*)" class="curve', drawing)
     ]
     bottom, top = heights["0"], heights["100"]
+    assert bottom > top
     assert ends == pytest.approx([top, bottom + (top - bottom) * 0.625], abs=0.2)
     assert "good 100 %" in drawing
     assert "bad 62.5 %" in drawing

@@ -133,7 +133,7 @@ def test_the_success_map_shows_every_cell_and_marks_what_is_silently_wrong(docum
                 cell = cells[solver, variant, family]
                 taken = cell.problems - cell.unsupported
                 marked = f"▲{cell.silently_wrong} silently wrong" if cell.silently_wrong else ""
-                assert text == (f"{int(100 * cell.success / taken)}{marked}" if taken else "–")
+                assert text == (f"{100 * cell.success / taken:.0f}{marked}" if taken else "–")
 
 
 def test_the_wrong_map_leaves_out_only_families_without_a_wrong_answer(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_the_solver_tables_of_both_documents_agree_with_the_cells(documents: tup
         assert int(row[1]) == taken
         for place, outcome in ((3, "success"), (7, "silently_wrong"), (9, "honest_failure"), (13, "missed_infeasible")):
             exact = 100 * sum(getattr(cell, outcome) for cell in own) / taken
-            assert float(row[place]) == pytest.approx(exact, abs=0.1)
+            assert float(row[place]) == pytest.approx(exact, abs=0.05 + 1e-9)
         assert int(row[15]) == sum(cell.hang for cell in own)
 
 
@@ -185,7 +185,7 @@ def test_a_percentage_reads_100_or_0_only_where_it_is() -> None:
         "0",
         "–",
     ]
-    assert [percent_text(value, 0) for value in (99.9, 28.999999999999996, 0.4)] == ["99", "29", "<1"]
+    assert [percent_text(value, 0) for value in (99.9, 28.999999999999996, 66.7, 0.4)] == ["99", "29", "67", "<1"]
 
 
 def test_both_documents_say_machine_versions_settings_command_seed_and_limitations(documents: tuple[str, str]) -> None:
