@@ -87,8 +87,14 @@ class BallAnswer:
     point: Vector
     multipliers: Float[np.ndarray, "m"]
     radius_multiplier: float
-    status: Status
+    status: Status = Status.OPTIMAL
     iterations: int = 0
+
+
+def on_named_face(ball: UnitBall, answer: BallAnswer) -> Iterator[BallAnswer]:
+    """Exact answers on the face of the rows whose multiplier outweighs their slack."""
+    slack = ball.rows @ answer.point - ball.bound
+    yield from _on_face(ball, ball.equality | (answer.multipliers > np.maximum(slack, 0.0)))
 
 
 def solve_in_unit_ball(solve: Callable[[DirectionProblem], Direction], ball: UnitBall) -> BallAnswer:
@@ -147,11 +153,10 @@ class _Search:
 
     def weigh(self, answer: Direction, t: float) -> float:
         """Puts every candidate that x(t) suggests before the referee; the t at which its face leaves the ball."""
-        ball, suggested = self.ball, np.nan
-        self.consider(BallAnswer(answer.value, answer.multipliers / t, 1.0 / t, Status.OPTIMAL))
-        slack = ball.rows @ answer.value - ball.bound
-        face = ball.equality | (answer.multipliers > np.maximum(slack, 0.0))
-        for candidate in _on_face(ball, face):
+        suggested = np.nan
+        found = BallAnswer(answer.value, answer.multipliers / t, 1.0 / t)
+        self.consider(found)
+        for candidate in on_named_face(self.ball, found):
             self.consider(candidate)
             if candidate.radius_multiplier > 0.0:
                 suggested = 1.0 / candidate.radius_multiplier
@@ -206,10 +211,10 @@ def _on_face(ball: UnitBall, face: Bool[np.ndarray, "m"]) -> Iterator[BallAnswer
         s = float(np.sqrt(room * (2.0 - room))) / length
         x, kappa = q + s * p, 1.0 / s
         weights = _weights(ball, face, kappa * q - g)
-        yield BallAnswer(x, weights, kappa, Status.OPTIMAL)
+        yield BallAnswer(x, weights, kappa)
     if length <= np.sqrt(_NEGLIGIBLE) and room >= 0.0:
         tight = face | (np.abs(ball.rows @ q - ball.bound) <= _NEARLY_TIGHT)
-        yield BallAnswer(q, _weights(ball, tight, -g), 0.0, Status.OPTIMAL)
+        yield BallAnswer(q, _weights(ball, tight, -g), 0.0)
 
 
 def _weights(ball: UnitBall, face: Bool[np.ndarray, "m"], force: Vector) -> Float[np.ndarray, "m"]:

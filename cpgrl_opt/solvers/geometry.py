@@ -10,16 +10,18 @@ problem as it was given. Source: Golub & Van Loan, Matrix Computations, §4.2 (w
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, wraps
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..kkt import farkas_residual, kkt_residuals
-from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
-from .ball import UnitBall, solve_in_unit_ball
+from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
+from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
 from .infeasibility import FARKAS_TOLERANCE
 from .interface import DirectionSolver, solve_batch, supports, tolerance_of
+from .polishing import polished
+from .reduction import scale_problem
 
 SolverClass = TypeVar("SolverClass", bound=type)
 Solve = Callable[[DirectionProblem], Direction]
@@ -31,7 +33,7 @@ _LARGEST_RATIO = 1e150
 def takes_geometry(solver_class: SolverClass) -> SolverClass:
     """The class with `solve` and `solve_batch` that take metrics and radii; problems without go straight through.
 
-    Its `supports` stays: which constraints a method takes does not depend on the metric or the ball.
+    `takes_geometry` says so. Its `supports` stays: which constraints a method takes does not depend on geometry.
     """
     kind: Any = solver_class
     solve, batch = kind.solve, getattr(kind, "solve_batch", None)
@@ -44,6 +46,7 @@ def takes_geometry(solver_class: SolverClass) -> SolverClass:
         return solve_transformed(partial(solve, self), problem, _tolerance(self))
 
     kind.solve = solve_in_geometry
+    kind.takes_geometry = True
     if batch is not None:
         kind.solve_batch = _batch_in_geometry(solve, batch)
     return solver_class
@@ -68,6 +71,8 @@ class WithGeometry:
     """
 
     solver: DirectionSolver
+
+    takes_geometry: ClassVar[bool] = True
 
     @property
     def tolerance(self) -> float:
@@ -128,56 +133,116 @@ def solve_batch_transformed(
     )
 
 
+def judged_in_geometry(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:
+    """The answer with the status that the referee leaves it: what it rejects is UNCERTIFIED."""
+    numbers = (found.value, found.multipliers, found.radius_multiplier)
+    if not all(np.isfinite(each).all() for each in numbers):
+        return _failed(problem, found.iterations)
+    if found.status == Status.INFEASIBLE:
+        proven = farkas_residual(problem, found.multipliers) <= FARKAS_TOLERANCE
+        return found if proven else replace(found, status=Status.UNCERTIFIED)
+    if found.status in (Status.OPTIMAL, Status.UNCERTIFIED):
+        certified = kkt_residuals(problem, found).worst <= tolerance
+        return replace(found, status=Status.OPTIMAL if certified else Status.UNCERTIFIED)
+    return found
+
+
+def polished_in_geometry(problem: DirectionProblem, found: Direction) -> Direction:
+    """The best of an answer and the exact ones on the face that it names, as the referee has it."""
+    flat = euclidean(problem)
+    value = found.value if problem.whitening is None else problem.whitening.direction(found.value)
+    candidates = [found]
+    if not _is_finite(flat) or not np.isfinite(value).all():
+        return found
+    if problem.radius is not None:
+        units = _BallUnits.of(problem, flat)
+        if units is not None:
+            named = units.to_ball(replace(found, value=value))
+            candidates += [_unwhitened(problem, units.from_ball(each)) for each in on_named_face(units.ball, named)]
+    else:
+        scaled = scale_problem(flat)
+        if 0.0 < scaled.scale < np.inf:
+            weights = scaled.unit.times_length(found.multipliers, scaled.scale)[scaled.kept]
+            for d, mu in polished(scaled, value / scaled.scale, weights):
+                exact = Direction(d * scaled.scale, scaled.original_multipliers(mu), found.status)
+                candidates.append(_unwhitened(problem, exact))
+    best = min(candidates, key=lambda candidate: kkt_residuals(problem, candidate).worst)
+    return replace(best, status=found.status, iterations=found.iterations)
+
+
 def _solve_in_ball(solve: Solve, problem: DirectionProblem, flat: DirectionProblem, tolerance: float) -> Direction:
-    """In units of the radius, with unit rows and a unit gradient; `flat` is Euclidean."""
-    radius, rows = float(problem.radius or 0.0), unit_rows(flat.jacobian)
-    strength = float(lengths(flat.gradient))
-    with np.errstate(over="ignore", under="ignore"):
-        bound = rows.per_length(problem.bound) / radius
-    is_zero = rows.largest == 0.0
-    impossible = is_zero & np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
-    bound = np.where(is_zero, -np.inf, bound)
-    equality = problem.equality & ~is_zero
-    if not np.isfinite(strength) or not (np.where(equality, np.abs(bound), bound) < _LARGEST_RATIO).all():
+    units = _BallUnits.of(problem, flat)
+    if units is None:
         return _failed(problem)
-    ball = UnitBall(flat.gradient / (strength or 1.0), rows.jacobian, bound, equality)
-    answer = solve_in_unit_ball(solve, ball)
-    with np.errstate(over="ignore", under="ignore"):
-        multipliers = rows.per_length(np.where(is_zero, 0.0, answer.multipliers))
-        is_claim = answer.status != Status.INFEASIBLE
-        found = Direction(
-            answer.point * radius,
-            multipliers * strength if is_claim else multipliers,
-            answer.status,
-            answer.iterations,
-            answer.radius_multiplier * (strength / radius),
-        )
+    found = units.from_ball(solve_in_unit_ball(solve, units.ball))
+    impossible = (units.rows.largest == 0.0) & np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
     if impossible.any():
         proof = np.where(impossible, np.sign(problem.bound), 0.0)
         found = replace(found, multipliers=proof, status=Status.INFEASIBLE, radius_multiplier=0.0)
     return _mapped_back(problem, found, tolerance)
 
 
+@dataclass(frozen=True, eq=False)
+class _BallUnits:
+    """A Euclidean problem in a ball in units of the radius, with unit rows and a unit gradient: x = d/radius.
+
+    strength: ‖g‖; zero rows are switched off in `ball`.
+    """
+
+    ball: UnitBall
+    rows: UnitRows
+    radius: float
+    strength: float
+
+    @classmethod
+    def of(cls, problem: DirectionProblem, flat: DirectionProblem) -> "_BallUnits | None":
+        """None where the numbers overflow."""
+        radius, rows = float(problem.radius or 0.0), unit_rows(flat.jacobian)
+        strength, is_zero = float(lengths(flat.gradient)), rows.largest == 0.0
+        with np.errstate(over="ignore", under="ignore"):
+            bound = np.where(is_zero, -np.inf, rows.per_length(problem.bound) / radius)
+        equality = problem.equality & ~is_zero
+        if not np.isfinite(strength) or not (np.where(equality, np.abs(bound), bound) < _LARGEST_RATIO).all():
+            return None
+        return cls(UnitBall(flat.gradient / (strength or 1.0), rows.jacobian, bound, equality), rows, radius, strength)
+
+    def from_ball(self, answer: BallAnswer) -> Direction:
+        """In the problem's units, still Euclidean."""
+        strength = 1.0 if answer.status == Status.INFEASIBLE else self.strength  # a proof has no unit
+        with np.errstate(over="ignore", under="ignore"):
+            return Direction(
+                answer.point * self.radius,
+                strength * self.rows.per_length(np.where(self.rows.largest == 0.0, 0.0, answer.multipliers)),
+                answer.status,
+                answer.iterations,
+                answer.radius_multiplier * (strength / self.radius),
+            )
+
+    def to_ball(self, found: Direction) -> BallAnswer:
+        """The other way."""
+        force = self.strength or 1.0
+        multipliers = self.rows.times_length(found.multipliers, force)
+        return BallAnswer(found.value / self.radius, multipliers, found.radius_multiplier * self.radius / force)
+
+
 def _mapped_back(problem: DirectionProblem, answer: Direction, tolerance: float) -> Direction:
-    """d = L⁻ᵀd′ with the status that the referee leaves it."""
+    """What `solve` claims of the whitened problem, as an answer to the problem itself; only its OPTIMAL may stand."""
+    found = _unwhitened(problem, answer)
+    if found.status == Status.UNCERTIFIED and np.isfinite(found.value).all():
+        return found
+    return judged_in_geometry(problem, found, tolerance)
+
+
+def _unwhitened(problem: DirectionProblem, answer: Direction) -> Direction:
+    """d = L⁻ᵀd′."""
     value = np.asarray(answer.value, dtype=np.float64)
-    if problem.whitening is not None:
-        value = problem.whitening.original(value)
-    found = Direction(
-        value,
+    return Direction(
+        value if problem.whitening is None else problem.whitening.original(value),
         answer.multipliers,
         Status(answer.status),
         getattr(answer, "iterations", 0),
         float(getattr(answer, "radius_multiplier", 0.0)),
     )
-    if not (np.isfinite(value).all() and np.isfinite(found.multipliers).all() and np.isfinite(found.radius_multiplier)):
-        return _failed(problem, found.iterations)
-    if found.status == Status.INFEASIBLE:
-        proven = farkas_residual(problem, found.multipliers) <= FARKAS_TOLERANCE
-        return found if proven else replace(found, status=Status.UNCERTIFIED)
-    if found.status == Status.OPTIMAL and not kkt_residuals(problem, found).worst <= tolerance:
-        return replace(found, status=Status.UNCERTIFIED)
-    return found
 
 
 def _failed(problem: DirectionProblem, iterations: int = 0) -> Direction:

@@ -14,9 +14,9 @@ class DirectionSolver(Protocol):
     """A frozen dataclass of settings with one method. Third parties need not import this.
 
     Optional attributes: `tolerance` (the worst KKT residual of an OPTIMAL answer; 1e-6 is assumed),
-    `supports(problem) -> bool` (undeclared: equalities, cone and bounds, no metric and no radius),
-    `solve_batch(problems)`, `guarantee` and `source` (one line each, for the table of solvers).
-    A solver that takes neither metric nor radius is made to by `WithGeometry(solver)`.
+    `supports(problem) -> bool` (undeclared: equalities, cone and bounds), `solve_batch(problems)`,
+    `guarantee` and `source` (one line each, for the table of solvers), `takes_geometry` (True: problems with a metric
+    or a radius too; `WithGeometry(solver)` makes any solver take them).
     """
 
     def solve(self, problem: DirectionProblem) -> Direction:
@@ -50,12 +50,14 @@ def tolerance_of(solver: DirectionSolver) -> float:
 def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
     """Whether the solver takes this problem; one that declares nothing takes equalities, the cone and bounds.
 
-    A metric or a radius it takes only if its own `supports` says so.
+    A metric or a radius only where it has `takes_geometry = True`: a `supports` that was written without a thought of
+    them takes them for nothing.
     """
+    has_geometry = problem.metric is not None or problem.radius is not None
+    if has_geometry and not getattr(solver, "takes_geometry", False):
+        return False
     declared: Any = getattr(solver, "supports", None)
-    if declared is None:
-        return problem.metric is None and problem.radius is None
-    return bool(declared(problem))
+    return True if declared is None else bool(declared(problem))
 
 
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:

@@ -70,10 +70,6 @@ class OSQPSession:
         self._rows, self._coordinates = m, min(n, m + 1)
         self._workspace: Any = None
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """Problems of the session's shape."""
-        return (problem.n, problem.m) == (self.n, self.m)
-
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; ValueError unless the problem has the session's shape."""
         require_session_shape(problem, self.n, self.m)

@@ -1,6 +1,8 @@
 """The problem as CVXPY states it, solved by CLARABEL: an independent modelling path, slow.
 
 minimize ½‖x‖² − cᵀx   subject to   A_I x ≥ b_I,   A_E x = b_E        with A, b, c parameters (DPP)
+
+and with a metric or a radius the second-order cone program of `second_order_cone`.
 """
 
 import warnings
@@ -12,13 +14,13 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
-from .geometry import takes_geometry
+from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
 from .packages import require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
+from .second_order_cone import state_and_solve
 
 
-@takes_geometry
 @dataclass(frozen=True, kw_only=True)
 class CVXPY:
     """A parametrised CVXPY problem behind the shared preparation.
@@ -35,6 +37,7 @@ class CVXPY:
     package: ClassVar[str] = "cvxpy"
     source: ClassVar[str] = "Diamond & Boyd 2016; Agrawal et al. 2019 (DPP)"
     guarantee: ClassVar[str] = "interior point (CLARABEL), polished; slow"
+    takes_geometry: ClassVar[bool] = True
 
     def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
         """Equalities, cones and bounds."""
@@ -59,9 +62,10 @@ class CVXPY:
         return CVXPYSession(self, n, m)
 
 
-@takes_geometry
 class CVXPYSession:
     """CVXPY problems for one shape (n, m), compiled once for each number of coordinates and of equalities."""
+
+    takes_geometry: ClassVar[bool] = True
 
     def __init__(self, settings: CVXPY, n: int, m: int) -> None:
         self.settings = settings
@@ -77,7 +81,19 @@ class CVXPYSession:
         """The certified direction; ValueError unless the problem has the session's shape."""
         require_session_shape(problem, self.n, self.m)
         settings = self.settings
+        if problem.metric is not None or problem.radius is not None:
+            return self._solve_in_geometry(problem)
         return solve_prepared(problem, self._solve_reduced, tolerance=settings.tolerance, polish=settings.polish)
+
+    def _solve_in_geometry(self, problem: DirectionProblem) -> Direction:
+        """A second-order cone program; what it calls infeasible is proven as for the other solvers."""
+        settings = self.settings
+        modelled = state_and_solve(problem, _options(settings))
+        if modelled.status == Status.INFEASIBLE:
+            return solve_transformed(self.solve, problem, settings.tolerance)
+        if settings.polish:
+            modelled = polished_in_geometry(problem, modelled)
+        return judged_in_geometry(problem, modelled, settings.tolerance)
 
     def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
         equalities = int(reduced.equality.sum())
@@ -112,20 +128,10 @@ class _Parametrised:
         for is_equality, A, b, _ in self.parts:
             chosen = reduced.equality == is_equality
             A.value, b.value = reduced.rows[chosen], reduced.bound[chosen]
-        accuracy = 1e-2 * settings.tolerance
         try:
             with warnings.catch_warnings():  # CVXPY warns of inaccurate answers; the referee judges them
                 warnings.simplefilter("ignore")
-                self.problem.solve(
-                    solver=cvxpy.CLARABEL,
-                    warm_start=False,
-                    tol_feas=accuracy,
-                    tol_gap_abs=accuracy,
-                    tol_gap_rel=accuracy,
-                    max_iter=settings.iteration_limit,
-                    time_limit=settings.time_limit,
-                    max_threads=1,
-                )
+                self.problem.solve(solver=cvxpy.CLARABEL, **_options(settings))
         except cvxpy.SolverError:
             return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
         return self._answer(reduced)
@@ -142,6 +148,20 @@ class _Parametrised:
             sign = -1.0 if is_equality else 1.0
             multipliers[reduced.equality == is_equality] = sign * constraint.dual_value
         return BackEndAnswer(np.array(self.x.value), multipliers, iterations, verdict)
+
+
+def _options(settings: CVXPY) -> dict[str, Any]:
+    """CLARABEL's own."""
+    accuracy = 1e-2 * settings.tolerance
+    return {
+        "warm_start": False,
+        "tol_feas": accuracy,
+        "tol_gap_abs": accuracy,
+        "tol_gap_rel": accuracy,
+        "max_iter": settings.iteration_limit,
+        "time_limit": settings.time_limit,
+        "max_threads": 1,
+    }
 
 
 VERDICTS = {

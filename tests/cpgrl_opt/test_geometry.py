@@ -1,5 +1,7 @@
 """Metric and radius: closed forms, what every change of coordinates and units leaves, and honest infeasibility."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -321,3 +323,33 @@ def test_without_metric_and_radius_nothing_is_transformed(seed):
     one, two = ACTIVE_SET.solve(problem), ACTIVE_SET.solve(identity)
     np.testing.assert_array_equal(one.value, two.value)
     assert kkt_residuals(problem, one) == kkt_residuals(identity, two)
+
+
+def test_a_declaration_that_forgets_geometry_does_not_take_it():
+    class Naive(Plain):
+        def supports(self, problem):
+            return problem.m <= 5
+
+    problem = random_problem(0, radius=0.5)
+    assert not supports(Naive(), problem)
+    assert supports(WithGeometry(Naive()), problem)
+    assert not supports(WithGeometry(Naive()), random_problem(0, m=6, radius=0.5))
+
+
+@pytest.mark.skipif("cvxpy" not in INSTALLED, reason="cvxpy is not installed")
+@pytest.mark.parametrize("m", [1, 2, 3, 4])
+@pytest.mark.parametrize("radius", [None, 0.3, 1.0, 30.0])
+def test_cvxpys_cone_program_agrees(radius, m):
+    """Modelled without whitening or search, and not polished: as good as an interior-point method is."""
+    cvxpy = dataclasses.replace(SOLVERS["cvxpy"], polish=False)
+    for seed in range(3):
+        problem = random_problem(seed, n=5, m=m, kind=(None, "vector", "matrix")[seed], radius=radius, bound=0.3)
+        answer, modelled = ACTIVE_SET.solve(problem), cvxpy.solve(problem)
+        if answer.status == Status.INFEASIBLE:
+            assert modelled.status == Status.INFEASIBLE
+            continue
+        unit = max(length(problem, answer.value), 1e-3)
+        assert length(problem, answer.value - modelled.value) <= 1e-4 * unit
+        assert kkt_residuals(problem, modelled).worst <= 1e-4
+        np.testing.assert_allclose(modelled.radius_multiplier, answer.radius_multiplier, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(modelled.multipliers, answer.multipliers, rtol=1e-3, atol=1e-4)
