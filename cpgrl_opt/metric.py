@@ -67,7 +67,7 @@ def validated_metric(metric: ArrayLike, n: int) -> tuple[Metric, Whitening]:
     """
     axes = np.ndim(metric)
     if axes not in (1, 2):
-        raise ValueError(f"metric should be None, ({n},) or ({n}, {n}); found an array of {axes} axes")
+        raise ValueError(f"metric should be None, (n,) or (n, n); found an array of {axes} axes")
     M = finite_array("metric", metric, axes)
     require_shape("metric", M, (n,) * axes)
     diagonal = M if axes == 1 else M.diagonal()

@@ -143,7 +143,10 @@ class ProblemBatch(Sequence[DirectionProblem]):
         _require_bounds(b, is_equality)
         _set_fields(self, g, J, b, is_equality)
         if metric is not None:
-            _set_metrics(self, [validated_metric(each, n) for each in np.asarray(metric)])
+            metrics = [validated_metric(each, n) for each in np.asarray(metric)]
+            if len(metrics) != runs:
+                raise ValueError(f"metric should have one entry a problem, {runs}; found {len(metrics)}")
+            _set_metrics(self, metrics)
         if radius is not None:
             object.__setattr__(self, "radius", _radii(radius, runs))
 
@@ -183,11 +186,17 @@ class ProblemBatch(Sequence[DirectionProblem]):
             object.__setattr__(batch, "radius", np.array(radii))
         return batch
 
-    def in_geometry(self, metric: ArrayLike | None, radius: float | None) -> "ProblemBatch":
-        """The same problems, all in one metric, (n,) or (n, n), and in balls of one radius; None for neither."""
+    def in_geometry(
+        self, metric: ArrayLike | None, radius: float | None, whitening: Whitening | None = None
+    ) -> "ProblemBatch":
+        """The same problems, all in one metric, (n,) or (n, n), and in balls of one radius; None for neither.
+
+        whitening: of the metric, where it was validated before.
+        """
         batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality)
         if metric is not None:
-            _set_metrics(batch, [validated_metric(metric, self.gradient.shape[1])] * len(self))
+            pair = validated_metric(metric, self.gradient.shape[1]) if whitening is None else (metric, whitening)
+            _set_metrics(batch, [pair] * len(self))  # type: ignore[list-item]
         if radius is not None:
             require_positive("radius", radius)
             object.__setattr__(batch, "radius", np.full(len(self), float(radius)))
@@ -236,9 +245,10 @@ def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_
 
 def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Metric, Whitening]]) -> None:
     """One (M, L) for each problem; stacked without copies where all are the same."""
-    first = metrics[0][0] if metrics else np.zeros(batch.gradient.shape)
-    if len({id(whitening) for _, whitening in metrics}) <= 1:
-        stacked = np.broadcast_to(first, (len(metrics), *first.shape)) if metrics else first
+    if not metrics:
+        stacked = np.zeros(batch.gradient.shape)
+    elif all(whitening is metrics[0][1] for _, whitening in metrics):
+        stacked = np.broadcast_to(metrics[0][0], (len(metrics), *metrics[0][0].shape))
     else:
         stacked = np.stack([M for M, _ in metrics])
     object.__setattr__(batch, "metric", stacked)

@@ -17,6 +17,7 @@ from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, solve_batch, solver_named
+from .step_geometry import StepGeometry
 from .validation import finite_array, is_finite, require_member, require_nonnegative, require_shape
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
@@ -55,7 +56,12 @@ class ConstrainedStep:
     drop: which constraints `equality` takes out of 𝒜 (§2.3): "stationary", argmax λᵢ‖Jᵢ‖ while PΔ¹ = 0 and it is
         positive; "always", whether PΔ¹ = 0 or not; "never". raw_multipliers compares λᵢ instead, as printed.
     ridge ε ≥ 0: softens the constraints, (JJᵀ + εI)⁻¹ in P and d; in the squared unit of a gradient. Ours.
-    max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ. Ours.
+    max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ (in the
+        metric's where there is one). Ours.
+    metric M: (n,) positive or (n, n) symmetric positive definite: s, v and their lengths are taken in it (a natural
+        gradient where M is the Fisher matrix). radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹
+        projected; with `restoring` this is constrained policy optimization (Achiam et al. 2017). Restorations v know
+        no radius. The solver should have `takes_geometry`.
     on_failure: a subproblem neither OPTIMAL nor INFEASIBLE is handed to active-set ("fallback"), leaves θ as it
         is ("skip"), or raises DirectionError ("raise"). A fallback that fails too is skipped.
     """
@@ -70,6 +76,9 @@ class ConstrainedStep:
     ridge: float = 0.0
     max_restoration: float = np.inf
     on_failure: str = "fallback"
+    metric: ArrayLike | None = field(default=None, compare=False)
+    radius: float | None = None
+    _metric_bytes: bytes = field(default=b"", init=False, repr=False)  # by which steps compare and hash
 
     def __post_init__(self) -> None:
         if isinstance(self.solver, str):
@@ -85,6 +94,16 @@ class ConstrainedStep:
         require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
         if self.formulation == "restoring" and self.step_size == 0:
             raise ValueError("step_size should be > 0 with formulation 'restoring', which divides by it; found 0")
+        geometry = StepGeometry.of(self.metric, self.radius)
+        if geometry is not None and not getattr(self.solver, "takes_geometry", False):
+            raise ValueError(
+                f"solver should take metric and radius; found {self.solver!r}, which does not say so. Wrap it: "
+                "cpgrl_opt.WithGeometry(solver)"
+            )
+        if geometry is not None and geometry.metric is not None:
+            object.__setattr__(self, "metric", geometry.metric)
+            object.__setattr__(self, "_metric_bytes", geometry.metric.tobytes())
+        object.__setattr__(self, "_geometry", geometry)
 
     def __call__(
         self,
@@ -126,21 +145,25 @@ class _Run:
         self.settings = settings
         self.observe = observe
         self.counts = dict(zip(_COUNTS, np.zeros((len(_COUNTS), runs), np.int64), strict=True))
+        self.geometry: StepGeometry | None = settings._geometry  # type: ignore[attr-defined]
 
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
         """The change of θ (B, n) and whether a run is stationary (B,)."""
         settings, n = self.settings, constraints.gradients.shape[2]
+        if self.geometry is not None:
+            more = constraints.target.shape[1] if settings.ridge > 0 else 0
+            self.geometry = self.geometry.for_parameters(n, more)
         constraints = self.without_flat(constraints)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
         if settings.max_restoration < np.inf:
             constraints = self.capped(constraints)
         tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
-        still = _vanishes(tangent, constraints)
+        still = self.vanishes(tangent, constraints)
         if settings.formulation == "equality" and (settings.drop == "always" or np.count_nonzero(still)):
             if settings.drop != "never":
                 self.drop(constraints, tangent, restoration, multipliers)
-                still = _vanishes(tangent, constraints)
+                still = self.vanishes(tangent, constraints)
             still &= (multipliers >= 0).all(axis=1)
         change = settings.step_size * tangent
         if restoration is not None:
@@ -157,8 +180,12 @@ class _Run:
 
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
-        move = solve_batch(Rosen(), least_norm_restorations(constraints)).value
-        length = self.settings.restoration_rate * lengths(move)
+        problems = least_norm_restorations(constraints)
+        if self.geometry is not None:
+            problems = self.geometry.restoration(problems)
+        move = solve_batch(Rosen(), problems).value
+        size = lengths(move) if self.geometry is None else self.geometry.lengths(move)
+        length = self.settings.restoration_rate * size
         too_long = length > self.settings.max_restoration
         self.counts["capped"] += too_long
         factor = np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
@@ -170,8 +197,13 @@ class _Run:
         """Tangent s, restoration v (None where it is inside) and the tangent problem's μ."""
         settings = self.settings
         ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
-        answers = self.certified(FORMULATIONS[settings.formulation].problems(constraints, ratio), runs)
-        count = len(runs)
+        problems, count = FORMULATIONS[settings.formulation].problems(constraints, ratio), len(runs)
+        if self.geometry is not None:
+            tangents = self.certified(self.geometry.tangent(problems[:count]), runs)
+            apart = len(problems) > count
+            moves = self.certified(self.geometry.restoration(problems[count:]), runs).value if apart else None
+            return tangents.value, moves, tangents.multipliers
+        answers = self.certified(problems, runs)
         restoration = answers.value[count:] if len(answers) > count else None
         return answers.value[:count], restoration, answers.multipliers[:count]
 
@@ -212,7 +244,7 @@ class _Run:
         for _ in range(active.shape[1]):
             largest, positive = self.largest_multiplier(constraints.jacobian, multipliers, active)
             if self.settings.drop == "stationary":
-                positive = positive & _vanishes(tangent, constraints)
+                positive = positive & self.vanishes(tangent, constraints)
             chosen = np.flatnonzero(positive)
             if not chosen.size:
                 return
@@ -229,14 +261,15 @@ class _Run:
         """argmax λᵢ‖Jᵢ‖ over 𝒜, and whether it is positive; λ = −μ."""
         values = -multipliers
         if not self.settings.raw_multipliers:
-            values = values * lengths(jacobian)
+            values = values * (lengths(jacobian) if self.geometry is None else self.geometry.gradient_lengths(jacobian))
         values = np.where(active, values, -np.inf)
         largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
         return largest, values.max(axis=1, initial=-np.inf) > 0
 
-
-def _vanishes(tangent: np.ndarray, constraints: ActiveConstraints) -> np.ndarray:
-    """PΔ¹ = 0, up to rounding."""
-    vanishing = np.empty(len(tangent), np.bool_)
-    step_kernels().mark_vanishing(tangent, constraints.gradients, _STATIONARY, vanishing)
-    return vanishing
+    def vanishes(self, tangent: np.ndarray, constraints: ActiveConstraints) -> np.ndarray:
+        """PΔ¹ = 0, up to rounding."""
+        if self.geometry is not None:
+            return self.geometry.vanishing(tangent, constraints.gradients[:, 0], _STATIONARY)
+        vanishing = np.empty(len(tangent), np.bool_)
+        step_kernels().mark_vanishing(tangent, constraints.gradients, _STATIONARY, vanishing)
+        return vanishing

@@ -109,3 +109,69 @@ def test_a_linearization_refuses_what_an_estimator_must_not_hand_over():
         Linearization(np.zeros(()), np.zeros(3))
     with pytest.raises(ValueError, match="at least the objective's channel"):
         Linearization(np.zeros(0), np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metric": [1.0]}, r"metric should have shape \(2,\); found \(1,\)"),
+        ({"metric": np.eye(3)}, r"metric should have shape \(2, 2\); found \(3, 3\)"),
+        ({"metric": [[[1.0]]]}, "metric should be None"),
+        ({"metric": [1.0, np.nan]}, "metric should have no NaN"),
+        ({"metric": [1.0, np.inf]}, "metric should be finite"),
+        ({"metric": [1.0, 0.0]}, "metric should have positive diagonal entries; found 0.0"),
+        ({"metric": [[1.0, 0.0], [0.1, 1.0]]}, "metric should be symmetric; found"),
+        ({"metric": [[1.0, 1.0], [1.0, 1.0]]}, "metric should be positive definite; found the eigenvalue"),
+        ({"metric": [[1.0, -3.0], [-3.0, 1.0]]}, "metric should be positive definite; found the eigenvalue -2"),
+        ({"radius": -1.0}, "radius should be a finite number > 0; found -1.0"),
+        ({"radius": np.nan}, "radius should be a finite number > 0; found nan"),
+    ],
+)
+def test_what_is_no_metric_and_no_radius_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        problem_with(**changes)
+
+
+def test_a_metric_is_judged_in_no_units():
+    """diag(1e-200, 1e200) scaled by row and column is as definite as what it was made of."""
+    units = np.array([1e-100, 1e100])
+    matrix = np.array([[2.0, 1.0], [1.0, 2.0]]) * units * units[:, None]
+    problem = problem_with(metric=matrix)
+    np.testing.assert_allclose(problem.whitening.factor @ problem.whitening.factor.T, matrix, rtol=1e-14)
+    with pytest.raises(ValueError, match="read-only"):
+        problem.metric[0, 0] = 1.0
+
+
+def test_rounding_leaves_a_metric_symmetric():
+    matrix = np.array([[2.0, 1.0 + 2e-16], [1.0, 2.0]])
+    metric = problem_with(metric=matrix).metric
+    np.testing.assert_array_equal(metric, metric.T)
+
+
+def test_a_batch_keeps_metrics_and_radii():
+    problems = [
+        problem_with(metric=[1.0, 4.0], radius=0.5),
+        problem_with(metric=[[2.0, 1.0], [1.0, 2.0]], radius=2.0),
+        problem_with(radius=1.0),
+    ]
+    batch = ProblemBatch.stack(problems)
+    assert batch.metric.shape == (3, 2, 2)
+    assert batch[1].radius == 2.0
+    np.testing.assert_array_equal(batch[0].metric, np.diag([1.0, 4.0]))
+    np.testing.assert_array_equal(batch[2].metric, np.eye(2))
+    for part in (batch[1:], batch.chosen(np.array([False, True, True]))):
+        np.testing.assert_array_equal(part.radius, [2.0, 1.0])
+        np.testing.assert_array_equal(part[0].metric, problems[1].metric)
+        assert part[0].whitening is not None
+    assert batch[:0].metric is not None
+    arrays = {key: np.array([value]) for key, value in GOOD.items()}
+    assert ProblemBatch(**arrays, metric=[[1.0, 4.0]], radius=[3.0])[0].radius == 3.0
+    with pytest.raises(ValueError, match=r"radius should have shape \(1,\)"):
+        ProblemBatch(**arrays, radius=[1.0, 2.0])
+    with pytest.raises(ValueError, match="metric should have one entry a problem"):
+        ProblemBatch(**arrays, metric=[[1.0, 4.0], [1.0, 4.0]])
+
+
+def test_a_batch_of_problems_with_and_without_a_radius_is_refused():
+    with pytest.raises(ValueError, match="problems should all have a radius, or none; found 1 of 2"):
+        ProblemBatch.stack([problem_with(), problem_with(radius=1.0)])

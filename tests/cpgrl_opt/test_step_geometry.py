@@ -1,0 +1,153 @@
+"""A step in a metric and in a ball: natural gradients, constrained policy optimization, and what stays as it was."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, Linearization, Status, WithGeometry, kkt_residuals
+from cpgrl_opt.solvers import is_installed
+
+FORMULATIONS = ["equality", "cone", "restoring"]
+NOTHING = -100.0  # thresholds that no run violates
+
+
+def plain(**settings):
+    return ConstrainedStep(**{"step_size": 0.02, "restoration_rate": 0.05, "drop": "never", **settings})
+
+
+def random_linearization(seed, m=2, n=5, runs=()):
+    rng = np.random.default_rng(seed)
+    return Linearization(rng.standard_normal((*runs, 1 + m)), rng.standard_normal((*runs, 1 + m, n)))
+
+
+def fisher(seed, n=5):
+    root = np.random.default_rng(seed).standard_normal((n, n))
+    return root @ root.T + 0.1 * np.eye(n)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_without_active_constraints_a_metric_makes_the_natural_gradient(formulation):
+    M, linearization = fisher(0), random_linearization(1)
+    step = plain(formulation=formulation, metric=M)(linearization, np.full(2, NOTHING))
+    np.testing.assert_allclose(step.change, 0.02 * np.linalg.solve(M, linearization.objective_gradient), rtol=1e-10)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_without_active_constraints_a_radius_is_the_length_of_the_step(formulation):
+    M, linearization = fisher(0), random_linearization(1)
+    change = plain(formulation=formulation, metric=M, radius=0.7)(linearization, np.full(2, NOTHING)).change
+    assert np.sqrt(change @ M @ change) == pytest.approx(0.02 * 0.7, rel=1e-10)
+
+
+def test_equality_in_a_metric_is_the_projection_and_restoration_in_it():
+    """s = M⁻¹(g − Jᵀ(JM⁻¹Jᵀ)⁻¹JM⁻¹g), v = M⁻¹Jᵀ(JM⁻¹Jᵀ)⁻¹t."""
+    M, linearization = fisher(2), random_linearization(3)
+    thresholds = linearization.values[1:] + np.array([0.3, 0.1])
+    J, g = linearization.jacobian, linearization.objective_gradient
+    inverse = np.linalg.inv(M)
+    gram = np.linalg.inv(J @ inverse @ J.T)
+    s = inverse @ (g - J.T @ gram @ J @ inverse @ g)
+    v = inverse @ J.T @ gram @ np.array([0.3, 0.1])
+    np.testing.assert_allclose(plain(metric=M)(linearization, thresholds).change, 0.02 * s + 0.05 * v, rtol=1e-8)
+
+
+def test_restoring_with_a_radius_is_constrained_policy_optimization():
+    """max gᵀs s.t. Js ≥ (αₑ/α₁)t, sᵀMs ≤ radius²; the observed problem and answer are the referee's to judge."""
+    M, linearization, seen = fisher(4), random_linearization(5), []
+    thresholds = linearization.values[1:] + np.array([0.02, 0.01])
+    step = plain(formulation="restoring", metric=M, radius=2.0)
+    result = step(linearization, thresholds, observe=lambda problems, answers: seen.append((problems, answers)))
+    [(problems, answers)] = seen
+    assert problems[0].radius == 2.0
+    np.testing.assert_array_equal(problems[0].metric, M)
+    assert answers[0].status == Status.OPTIMAL
+    assert answers[0].radius_multiplier > 0
+    assert kkt_residuals(problems[0], answers[0]).worst <= 1e-12
+    np.testing.assert_allclose(result.change, 0.02 * answers[0].value)
+
+
+def test_a_restoration_that_the_ball_cannot_reach_is_counted_infeasible():
+    linearization = random_linearization(5)
+    result = plain(formulation="restoring", radius=0.1)(linearization, linearization.values[1:] + 50.0)
+    assert result.counts["infeasible"] == 1
+    assert np.linalg.norm(result.change) == pytest.approx(0.02 * 0.1)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("settings", [{}, {"ridge": 0.3}, {"max_restoration": 1e-3}, {"drop": "always"}])
+def test_the_identity_as_metric_changes_nothing(formulation, settings):
+    linearization = random_linearization(6, runs=(3,))
+    one, two = (plain(formulation=formulation, metric=M, **settings) for M in (None, np.eye(5)))
+    first, second = one(linearization, np.zeros(2)), two(linearization, np.zeros(2))
+    np.testing.assert_allclose(second.change, first.change, rtol=1e-12, atol=1e-15)
+    for name, count in first.counts.items():
+        np.testing.assert_array_equal(second.counts[name], count)
+
+
+@pytest.mark.parametrize("radius", [None, 0.5])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_many_runs_at_once_are_the_same_runs_one_by_one(formulation, radius):
+    together, M = random_linearization(7, runs=(4,)), fisher(8)
+    step = plain(formulation=formulation, metric=M, radius=radius)
+    result = step(together, np.zeros(2))
+    for k in range(4):
+        alone = step(Linearization(together.values[k], together.gradients[k]), np.zeros(2))
+        np.testing.assert_array_equal(result.change[k], alone.change)
+
+
+def test_the_drop_rule_ends_at_the_cone_projection_in_the_metric():
+    """One constraint that Δ¹ climbs by itself is dropped, and the step is the natural gradient."""
+    M = np.array([[2.0, 0.5], [0.5, 1.0]])
+    linearization = Linearization([0.0, -1.0], [[1.0, 1.0], [1.0, 1.0]])
+    step = plain(metric=M, drop="stationary", restoration_rate=0.0)
+    result = step(linearization, [0.0])
+    assert result.counts["dropped"] == 1
+    np.testing.assert_allclose(result.change, 0.02 * np.linalg.solve(M, [1.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"metric": [[1.0, 2.0], [2.0, 1.0]]}, "metric should be positive definite"),
+        ({"metric": [1.0, -1.0]}, "metric should have positive"),
+        ({"metric": [[1.0, 2.0], [0.0, 5.0]]}, "metric should be symmetric"),
+        ({"metric": 2.0}, r"metric should be None, \(n,\) or \(n, n\)"),
+        ({"radius": 0.0}, "radius should be a finite number > 0; found 0.0"),
+        ({"radius": np.inf}, "radius should be a finite number > 0"),
+    ],
+)
+def test_what_is_no_metric_and_no_radius_is_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        plain(**settings)
+
+
+def test_a_metric_of_other_parameters_is_refused():
+    with pytest.raises(ValueError, match=r"metric should have shape \(5, 5\); found \(2, 2\)"):
+        plain(metric=np.eye(2))(random_linearization(0), np.zeros(2))
+
+
+class Plain:
+    def solve(self, problem):
+        return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL)
+
+
+def test_a_solver_that_has_never_heard_of_metrics_is_refused_until_it_is_wrapped():
+    with pytest.raises(ValueError, match="WithGeometry"):
+        plain(solver=Plain(), radius=1.0)
+    change = plain(solver=WithGeometry(Plain()), metric=np.full(5, 4.0))(random_linearization(1), np.full(2, NOTHING))
+    np.testing.assert_allclose(change.change, 0.02 / 4.0 * random_linearization(1).objective_gradient)
+
+
+def test_every_solver_of_ours_is_taken():
+    for name, solver in SOLVERS.items():
+        if is_installed(solver):
+            assert plain(solver=name, radius=1.0).radius == 1.0
+
+
+def test_steps_compare_by_their_metric():
+    one, two, three = plain(metric=[1.0, 2.0]), plain(metric=[1.0, 2.0]), plain(metric=[1.0, 3.0])
+    assert one == two
+    assert hash(one) == hash(two)
+    assert one != three
+    assert dataclasses.replace(one, radius=1.0).metric.tolist() == [1.0, 2.0]
