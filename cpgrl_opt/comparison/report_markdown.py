@@ -38,8 +38,8 @@ def markdown_report(findings: Findings) -> str:
         "The rule, applied to the numbers below:",
         "\n".join(f"{number}. {step}" for number, step in enumerate(RULE, 1)),
         "## Solvers",
-        "Each cell: behind the preparation / raw. Percentages are of the problems taken, all families pooled; distance is "
-        "the largest from the exact direction, relative; time ratio is the geometric mean of CPU time over "
+        "Each cell: behind the preparation / raw. Percentages are of the problems taken, all families pooled; "
+        "distance is the largest from the exact direction, relative; time ratio is the geometric mean of CPU time over "
         f"{context.default_solver}'s, failures counted at the time limit.",
         _bullets(f"**{term}**: {meaning}" for term, meaning in terms()),
         _main_table(findings),

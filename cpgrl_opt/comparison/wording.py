@@ -125,8 +125,8 @@ def limitations(findings: Findings) -> list[str]:
         "Raw back ends run at their libraries' defaults. Those of first-order and interior-point methods ask for less "
         "than the 1e-9 that counts as success here, so much of what is inaccurate is a matter of settings; silently "
         f"wrong is not.{raw}",
-        "What the preparation adds is more than scaling: polishing and proofs of infeasibility are the package's own work, "
-        "so agreement of prepared solvers on infeasible problems is no independent evidence.",
+        "What the preparation adds is not scaling alone: polishing and proofs of infeasibility are the package's "
+        "own work, so agreement of prepared solvers on infeasible problems is no independent evidence.",
         "The referee's residuals are relative to the sizes of g and d on unit rows. Rows closer to opposing than about "
         "1e-10 rad cannot be certified in float64: there an honest failure is the best possible answer.",
         "The distance to the exact direction is measured only where the direction is well determined by float64 data "
