@@ -160,6 +160,40 @@ def _residuals_in_ball(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Violation:
+    """b̂ − Ĵd where it violates, 0 elsewhere: amount (m,), signed on E; and the unit rows (m, n) and b̂ (m,) it is of."""
+
+    amount: np.ndarray
+    jacobian: np.ndarray
+    bound: np.ndarray
+
+
+def violation(problem: DirectionProblem, d: Vector) -> Violation:
+    """(b̂ − Ĵd)₊ on I and b̂ − Ĵd on E, on unit rows; zero rows, which no d can mend, are left out."""
+    rows = unit_rows(problem.jacobian)
+    on = (rows.largest > 0) & (problem.bound > -np.inf)
+    bound = np.where(on, rows.per_length(problem.bound), 0.0)
+    lack = np.where(on, bound - rows.jacobian @ d, 0.0)
+    return Violation(np.where(problem.equality, lack, np.maximum(lack, 0.0)), rows.jacobian, bound)
+
+
+def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
+    """How far d is from violating least: ‖Ĵᵀr‖ / max(‖r‖, 1e-9·s), r = (b̂ − Ĵd)₊ (signed on E); M = I, no radius.
+
+    −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
+    """
+    d = np.asarray(d, dtype=np.float64)
+    require_shape("d", d, (problem.n,))
+    if not np.isfinite(d).all():
+        return float("inf")
+    lack = violation(problem, d)
+    required = np.where(problem.equality, np.abs(lack.bound), np.maximum(lack.bound, 0.0))
+    s = max(_norm(problem.gradient), _norm(d), _largest(required))
+    size = max(_norm(lack.amount), 1e-9 * s)
+    return _norm(lack.amount / size @ lack.jacobian) if size > 0 else 0.0
+
+
 def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     """How far y is from proving infeasibility: max(‖Ĵᵀŷ‖, max(−ŷ)₊ on I) / (b̂ᵀŷ / max|b̂|); infinite if b̂ᵀŷ ≤ 0.
 
@@ -175,7 +209,7 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
         return float("inf")
     rows = unit_rows(flat.jacobian)
     zero_row_proof = (rows.largest == 0) & (y != 0) & _zero_row_impossible(problem, y)
-    if zero_row_proof.any():
+    if zero_row_proof.any() and not y[rows.largest > 0].any():
         return float("inf") if (y[~problem.equality] < 0).any() else 0.0
     weights = rows.times_length(y / np.abs(y).max(), float(rows.largest.max()) or 1.0)
     if not weights.any():  # y ≠ 0 on zero rows only, which ask for nothing impossible

@@ -165,6 +165,7 @@ class _Run:
                 self.drop(constraints, tangent, restoration, multipliers)
                 still = self.vanishes(tangent, constraints)
             still &= (multipliers >= 0).all(axis=1)
+        still &= self.counts["skipped"] == 0  # the zeros of a failed solver are no optimum
         change = settings.step_size * tangent
         if restoration is not None:
             change += settings.restoration_rate * restoration
@@ -229,7 +230,7 @@ class _Run:
             if self.observe is not None:
                 self.observe(problems.chosen(failed), again)
         np.add.at(self.counts["infeasible"], runs[answers.status == Status.INFEASIBLE], 1)
-        np.add.at(self.counts["skipped"], runs[answers.status > Status.INFEASIBLE], 1)
+        self.counts["skipped"][runs[answers.status > Status.INFEASIBLE]] = 1
         return answers
 
     def drop(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, farkas_residual
+from cpgrl_opt.kkt import least_violation_residual
 from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.testing import LawBroken, check_claims_are_certified, check_non_finite_is_refused
 
@@ -84,3 +85,43 @@ def test_a_farkas_vector_on_harmless_zero_rows_proves_nothing():
 class _AlwaysInfeasible:
     def solve(self, problem):
         return Direction(np.zeros(problem.n), np.ones(problem.m), Status.INFEASIBLE)
+
+
+@pytest.mark.parametrize("name", [name for name in INSTALLED if not name.startswith("rosen")])
+@pytest.mark.parametrize("low", [None, -1e5])
+def test_a_zero_row_alone_to_blame_is_proven(name, low):
+    """The kernel was called without a row, and its report read before it was written."""
+    rows, bound = [[0.0, 0.0]], [1.0]
+    if low is not None:
+        rows, bound = [*rows, [1.0, 1.0]], [*bound, low]
+    problem = DirectionProblem([1.0, 2.0], rows, bound)
+    for _ in range(5):
+        np.full(40, np.nan)  # what a later np.empty may hold
+        answer = INSTALLED[name].solve(problem)
+        assert answer.status == Status.INFEASIBLE
+        assert farkas_residual(problem, answer.multipliers) == 0.0
+        np.testing.assert_array_equal(answer.value, [1.0, 2.0])
+
+
+def test_a_farkas_vector_with_more_than_an_impossible_zero_row_must_cancel_too():
+    problem = DirectionProblem([1.0], [[0.0], [1.0]], [1.0, 0.0])
+    assert farkas_residual(problem, np.array([1.0, 0.0])) == 0.0
+    assert farkas_residual(problem, np.array([1.0, 1.0])) > 0.1
+
+
+@pytest.mark.parametrize("name", [name for name in INSTALLED if not name.startswith("rosen")])
+def test_what_is_called_infeasible_violates_least(name):
+    """Rows 1e-7 … 1e-12 rad from opposing: a conflicting sub-answer was passed on, far from the least."""
+    rng, judged = np.random.default_rng(7), 0
+    for _ in range(60):
+        m, n = int(rng.integers(2, 6)), int(rng.integers(2, 5))
+        rows = rng.normal(size=(m, n))
+        rows[1] = -rows[0] + 10.0 ** rng.integers(-12, -5) * rng.normal(size=n)
+        problem = DirectionProblem(
+            rng.normal(size=n), rows, rng.normal(size=m) * 10.0 ** rng.integers(-3, 4, size=m), rng.random(m) < 0.25
+        )
+        answer = INSTALLED[name].solve(problem)
+        if answer.status == Status.INFEASIBLE:
+            judged += 1
+            assert least_violation_residual(problem, answer.value) <= 1e-6
+    assert judged >= 1

@@ -1,6 +1,8 @@
 """Ctrl-C during a compiled call is neither lost nor turned into another error."""
 
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -49,3 +51,15 @@ def test_other_threads_are_let_through():
     thread.start()
     thread.join()
     assert seen == [signal.default_int_handler]
+
+
+def test_an_interrupt_that_ends_the_process_by_default_still_does():
+    code = (
+        "import signal; from rl.interrupts import InterruptsHeld\n"
+        "signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
+        "with InterruptsHeld(): signal.raise_signal(signal.SIGINT); print('held', flush=True)\n"
+        "print('survived')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode != 0
+    assert done.stdout.split() == ["held"]

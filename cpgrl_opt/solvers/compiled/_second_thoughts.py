@@ -12,6 +12,7 @@ import numpy as np
 from ...direction import Direction, Status
 from ...kkt import kkt_residuals
 from ...problem import DirectionProblem, lengths, unit_rows
+from ..infeasibility import is_proven
 from ._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from ._projection import project_stacked
 from ._workspace import Booleans, Floats
@@ -70,22 +71,23 @@ def solved_thoroughly(
 def solved(problem: Problem, attempt: int) -> Answer:
     """One pass of the kernel."""
     m, n = problem.jacobian.shape
-    value, multipliers, report = np.empty(n), np.empty(m), np.empty(3)
+    value, multipliers = np.zeros(n), np.zeros(m)
+    report = np.array([Status.NUMERICAL_ERROR, 0.0, inf])  # what stands where there is no coordinate to solve for
     arrays = tuple(np.ascontiguousarray(array) for array in problem)
     project_stacked(False, int(attempt), *arrays, EXACT, value, multipliers, report)
     return Answer(int(report[0]), value, multipliers, int(report[1]))
 
 
 def reconsidered(problem: Problem, first: Answer, tolerance: float) -> tuple[Answer, float]:
-    """The best answer of all attempts and its worst residual, inf unless OPTIMAL or nearly; starts from `first`."""
-    if first.status == Status.INFEASIBLE:
-        return least_violating(problem, first), inf
+    """The best answer of all attempts and its worst residual (inf where there is none); starts from `first`."""
     validated = DirectionProblem(*problem)
+    if first.status == Status.INFEASIBLE:
+        return _proven(problem, validated, first), inf
     best, least, changes = first, inf, 0
     for answer in _attempts(problem, first):
         changes += answer.changes
         if answer.status == Status.INFEASIBLE:
-            return least_violating(problem, answer), inf
+            return _proven(problem, validated, answer), inf
         if answer.status == Status.NUMERICAL_ERROR:
             continue
         direction = Direction(answer.value, answer.multipliers, Status(answer.status))
@@ -121,6 +123,15 @@ def _polished(problem: Problem, answer: Answer, grade: int) -> Floats:
     return solved(problem._replace(gradient=answer.value, equality=held), grade).value
 
 
+def _proven(problem: Problem, validated: DirectionProblem, conflict: Answer) -> Answer:
+    """INFEASIBLE with the direction of least violation, or UNCERTIFIED if the referee doubts either."""
+    answer = least_violating(problem, conflict)
+    direction = Direction(answer.value, answer.multipliers, Status(answer.status))
+    if answer.status == Status.INFEASIBLE and not is_proven(validated, direction):
+        return answer._replace(status=int(Status.UNCERTIFIED))
+    return answer
+
+
 def least_violating(problem: Problem, proven: Answer) -> Answer:
     """The same proof with the d that minimises ‖(b̂ − Ĵd)₊‖₂ on unit rows, the nearest to g of them.
 
@@ -153,6 +164,8 @@ def least_violating(problem: Problem, proven: Answer) -> Answer:
 def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
     """y of least_violating; exactly 0 where y ≥ 0 is active or y is rounding."""
     count, n = unit.shape
+    if count == 0:
+        return np.zeros(0)
     largest = float(np.abs(bound).max(initial=0.0)) or 1.0
     constraints = np.vstack([unit.T, np.eye(count)])
     limits = np.append(np.zeros(n), np.where(exact, -inf, 0.0))
