@@ -1,6 +1,6 @@
-"""Two ramps of colours, for the light and for the dark page: blue for success, orange for silently wrong.
+"""Ramps of colours, for the light and for the dark page: blue for success, orange for silently wrong, grey for time.
 
-Blue against orange stays apart under every common colour blindness, and lightness is monotone in both ramps, so that
+Blue against orange stays apart under every common colour blindness, and lightness is monotone in every ramp, so that
 a grey print orders the cells rightly too.
 """
 
@@ -16,6 +16,8 @@ _RAMPS: dict[tuple[str, str], Ramp] = {
     ("success", "light"): ((0.0, "#f7f5f0"), (0.3, "#d3e2ec"), (0.7, "#92bcd8"), (0.93, "#4f90bf"), (1.0, "#154f82")),
     ("success", "dark"): ((0.0, "#1b1d21"), (0.3, "#1d3446"), (0.7, "#23597f"), (0.93, "#2c6c98"), (1.0, "#5aa9db")),
     ("wrong", "light"): ((0.0, "#fbfaf7"), (0.1, "#fbdcc4"), (0.4, "#f0a26c"), (0.7, "#cf5a1b"), (1.0, "#7d2a05")),
+    ("time", "light"): ((0.0, "#fbfaf7"), (0.5, "#b9b4c4"), (1.0, "#3f3a52")),
+    ("time", "dark"): ((0.0, "#1b1d21"), (0.5, "#595468"), (1.0, "#d6d0e6")),
     ("wrong", "dark"): ((0.0, "#1b1d21"), (0.1, "#53290f"), (0.4, "#9c4717"), (0.7, "#e57d38"), (1.0, "#ffd0a8")),
 }
 

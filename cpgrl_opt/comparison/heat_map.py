@@ -1,5 +1,6 @@
 """Heat maps family × solver as tables, so that they can be read aloud, copied, scrolled and sorted."""
 
+import math
 from collections.abc import Sequence
 
 from .findings import Findings
@@ -8,16 +9,23 @@ from .html_table import caption, column_head, row_head, table
 from .markup import Markup, element, join
 from .measurement import Cell
 from .tallies import Tally
-from .wording import NOTHING, percent_text
+from .wording import NOTHING, percent_text, ratio_text
 
 _VARIANT_WORDS = {"prepared": "behind the preparation", "raw": "raw back ends"}
 
 
 def heat_maps(findings: Findings) -> Markup:
     """Success and silently wrong, each behind the preparation and, where measured, raw."""
+    return join(
+        _heat_map(findings, kind, variant, f"Map {number}.")
+        for number, (kind, variant) in enumerate(_maps(findings), 1)
+    )
+
+
+def _maps(findings: Findings) -> list[tuple[str, str]]:
+    """(kind, variant) in the order of the page."""
     variants = [name for name, pool in (("prepared", findings.prepared), ("raw", findings.raw)) if pool]
-    maps = [(kind, variant) for kind in ("success", "wrong") for variant in variants]
-    return join(_heat_map(findings, kind, variant, f"Map {number}.") for number, (kind, variant) in enumerate(maps, 1))
+    return [(kind, variant) for kind in ("success", "wrong") for variant in variants]
 
 
 def _heat_map(findings: Findings, kind: str, variant: str, number: str) -> Markup:
@@ -34,6 +42,35 @@ def _heat_map(findings: Findings, kind: str, variant: str, number: str) -> Marku
     lead, more, label = _words(kind, variant, len(met) - len(shown))
     total = [row_head(element("b", "all families")), *(_total(kind, each) for each in pool)]
     return table(caption(number, lead, more), [heads], rows, label=label, class_="heat", total=total)
+
+
+def time_map(findings: Findings) -> Markup:
+    """Time ratios behind the preparation."""
+    pool = findings.prepared
+    heads = [column_head("family", 0)]
+    heads += [column_head(each.solver, column, class_="upright") for column, each in enumerate(pool, 1)]
+    rows = []
+    for order, family in enumerate(findings.families):
+        cells = [findings.cells.get((each.solver, "prepared", family)) for each in pool]
+        if any(cells):
+            rows.append([_family_head(family, order), *(_pace(cell.time_ratio if cell else None) for cell in cells)])
+    lead = (
+        f"Time behind the preparation, as a ratio to {findings.context.default_solver}: geometric mean over a family."
+    )
+    more = "CPU time; failures counted at the time limit. The stronger the shade, the slower; full from 1000 on."
+    total = [row_head(element("b", "all families")), *(_pace(each.time_ratio) for each in pool)]
+    label = "Time ratio by family and solver"
+    return table(
+        caption(f"Map {len(_maps(findings)) + 1}.", lead, more), [heads], rows, label=label, class_="heat", total=total
+    )
+
+
+def _pace(ratio: float | None) -> Markup:
+    """1 and below is the palest shade, 1000 and above the strongest, by the logarithm between."""
+    if ratio is None:
+        return element("td", NOTHING, class_="untaken", data_value="", title="not taken")
+    share = math.log10(ratio) / 3.0 if ratio > 0.0 else 0.0
+    return element("td", ratio_text(ratio), class_=f"time-{level(share)}", data_value=f"{ratio:.12g}")
 
 
 def _is_wrong_anywhere(findings: Findings, variant: str, family: str) -> bool:

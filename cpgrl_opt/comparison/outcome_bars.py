@@ -36,6 +36,8 @@ def _bar(variant: str, each: Tally) -> Markup:
         "div", *parts, class_="bar", role="img", aria_label=f"{each.solver} {variant}: {spoken}", title=spoken
     )
     share = percent_text(each.percent("success"))
-    of = f" of {each.problems}" if each.taken < each.problems else ""
-    note = element("div", f"{variant} {share} %", element("span", f", n = {each.taken}{of}"), class_="note")
+    is_part = each.taken < each.problems
+    of = f", n = {each.taken} of {each.problems}" if is_part else f", n = {each.taken}"
+    number = element("span", of, class_=None if is_part else "wide")
+    note = element("div", f"{variant} {share} %", number, class_="note")
     return element("div", bar, note, class_="bar-line")

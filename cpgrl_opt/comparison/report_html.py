@@ -6,7 +6,7 @@ from importlib.resources import files
 from .choice import RULE
 from .findings import Findings
 from .heat_colours import heat_styles
-from .heat_map import heat_maps
+from .heat_map import heat_maps, time_map
 from .html_table import caption, simple_table
 from .markup import Markup, element, join
 from .outcome_bars import outcome_bars
@@ -106,6 +106,7 @@ def _time(findings: Findings) -> Markup | None:
         [
             element("figure", element("figcaption", first), box),
             element("figure", element("figcaption", second), panels(findings)),
+            time_map(findings),
         ]
     )
 

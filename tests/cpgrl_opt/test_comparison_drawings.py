@@ -7,7 +7,7 @@ import pytest
 
 from cpgrl_opt.comparison.findings import Findings, find
 from cpgrl_opt.comparison.heat_colours import LEVELS, heat_styles, level
-from cpgrl_opt.comparison.heat_map import heat_maps
+from cpgrl_opt.comparison.heat_map import heat_maps, time_map
 from cpgrl_opt.comparison.measurement import Measurement, cells_of
 from cpgrl_opt.comparison.outcome_bars import outcome_bars
 from cpgrl_opt.comparison.profile_drawing import overview, panels
@@ -52,13 +52,22 @@ def test_a_cell_has_the_shade_of_its_share(findings: Findings) -> None:
     assert re.findall(r'class="(success-\d+)"', success[0]) == [f"success-{LEVELS - 1}", f"success-{level(0.25)}"]
 
 
+def test_the_time_map_shows_ratios_by_their_logarithm(findings: Findings) -> None:
+    row = re.search(r'"#family-b".*?</tr>', str(time_map(findings)), flags=re.S)
+    assert row
+    assert re.findall(r'class="(time-\d+)" data-value="[\d.]+">([\d.]+)<', row[0]) == [
+        ("time-2", "2"),
+        ("time-0", "0.5"),
+    ]
+
+
 def test_only_all_and_none_have_the_outermost_shades() -> None:
     shades = [level(share) for share in (0.0, 0.001, 0.5, 0.999, 1.0)]
     assert shades == [0, 1, 6, LEVELS - 2, LEVELS - 1]
 
 
 @pytest.mark.parametrize("scheme", [0, 1])
-@pytest.mark.parametrize("ramp", ["success", "wrong"])
+@pytest.mark.parametrize("ramp", ["success", "wrong", "time"])
 def test_shades_differ_in_lightness_in_one_direction_and_their_ink_can_be_read(scheme: int, ramp: str) -> None:
     block = heat_styles().split("@media")[scheme]
     colours = re.findall(rf"\.{ramp}-\d+{{background:(#\w+);color:(#\w+)}}", block)
