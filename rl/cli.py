@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 if TYPE_CHECKING:
     from .experiments.claims import Claim
     from .experiments.progress import TrainingProgress
+    from .experiments.three_state_comparison import ComparisonSettings
 
 FAILED_CLAIM, WRONG_USE, INTERRUPTED = 1, 2, 130
 
@@ -157,10 +158,17 @@ def three_state(
     out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/three-state"),
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
     jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Train CPGRL under other solvers, formulations and drop rules too.")
+    ] = False,
+    compare_solvers: Annotated[str, typer.Option(help="Of --compare; all but missing ones of five if empty.")] = "",
+    compare_formulations: Annotated[str, typer.Option(help="Of --compare.")] = "equality,cone,restoring",
+    compare_episodes: Annotated[int, typer.Option(help="Of --compare, where a solver is not compiled.")] = 500,
 ) -> None:
     """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
     from .experiments.progress import training_progress
     from .experiments.three_state import METHODS, ThreeStateSettings
+    from .experiments.three_state_comparison import ComparisonSettings
     from .experiments.three_state_reproduction import FILES, remarks, reproduce_three_state
 
     with _clean_errors():
@@ -168,8 +176,14 @@ def three_state(
             runs=runs, episodes=episodes, steps=steps, seed=seed,
             solver=solver, formulation=formulation, record_every=record_every, record=record,
         )  # fmt: skip
+        comparison = None if not compare else ComparisonSettings(
+            training=settings, solvers=_listed(compare_solvers), formulations=_listed(compare_formulations),
+            slow_episodes=compare_episodes,
+        )  # fmt: skip
         with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out):
             done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
+    if comparison is not None:
+        _compare(comparison, out, _processes(jobs))
     written = [name for name in FILES if (out / name).exists()]
     _report(done.claims, remarks(done), written, out, strict=strict)
 
@@ -220,6 +234,22 @@ def arm(
         print_comparison(done.comparison, done.results.arm)
     written = [name for name in FILES if (out / name).exists()]
     _report(done.claims, remarks(done), written, out, strict=strict)
+
+
+def _compare(settings: "ComparisonSettings", out: Path, processes: int) -> None:
+    from .experiments.progress import training_progress
+    from .experiments.three_state_reproduction import compare_in
+
+    try:
+        with _clean_errors(), training_progress(["comparison"], settings.updates) as progress:
+            compare_in(out, settings, processes=processes, listen=progress.listen)
+    except KeyboardInterrupt:
+        typer.echo(f"Interrupted. {out} holds the reproduction, without the comparison.", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _listed(names: str) -> list[str]:
+    return [name.strip() for name in names.split(",") if name.strip()]
 
 
 @contextmanager

@@ -19,10 +19,23 @@ from .subproblems import write_subproblems
 from .summary import versions, write_summary
 from .three_state import METHODS, Listener, ThreeStateResults, ThreeStateSettings, train_three_state
 from .three_state_claims import three_state_claims
+from .three_state_comparison import ComparisonSettings, Progress, compare_three_state
+from .three_state_comparison_results import FILES as COMPARISON
+from .three_state_comparison_results import print_comparison, write_comparison
 from .three_state_evidence import Evidence
 from .three_state_figures import averages_figure, policies_figure
 
-FILES = ("learning.csv", "claims.json", "summary.json", "fig4.png", "fig4.svg", "fig5.png", "fig5.svg", SUBPROBLEMS)
+FILES = (
+    "learning.csv",
+    "claims.json",
+    "summary.json",
+    "fig4.png",
+    "fig4.svg",
+    "fig5.png",
+    "fig5.svg",
+    SUBPROBLEMS,
+    *COMPARISON,
+)
 
 
 @dataclass(frozen=True)
@@ -59,6 +72,14 @@ def reproduce_three_state(
         directory / "summary.json", results.outcomes["cpgrl"].steps_per_second, summary(results, seconds, processes)
     )
     return Reproduction(results, claims, seconds, recorded)
+
+
+def compare_in(
+    directory: Path, settings: ComparisonSettings, *, processes: int = 1, listen: Callable[[Progress], None]
+) -> None:
+    """The comparison, into its files and onto the terminal."""
+    outcomes = compare_three_state(settings, processes=processes, listen=listen)
+    print_comparison(settings, write_comparison(settings, outcomes, directory))
 
 
 def _load() -> None:
