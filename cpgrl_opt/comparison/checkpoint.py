@@ -79,9 +79,8 @@ class Checkpoint:
         if not self.path.exists():
             return []
         text = self.path.read_text(encoding="utf-8")
-        lines = text[: text.rfind("\n") + 1]
         readable: list[Measurement] = []
-        for row in csv.DictReader(io.StringIO(lines)):
+        for row in csv.DictReader(io.StringIO(text)):
             try:
                 readable.append(from_row(Measurement, row))
             except ValueError:

@@ -7,13 +7,14 @@ from .measurement import Cell
 
 
 def print_summary(cells: Sequence[Cell]) -> None:
-    """Success, silently wrong, and time of each solver over all families, behind the preparation and raw."""
+    """Success, silently wrong (`wrong`), and time of each solver over all families, behind the preparation and raw."""
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("solver", title="prepared | raw: the library alone, on small problems")
+    table = Table(title="prepared | raw: the library alone, on small problems")
+    table.add_column("solver", no_wrap=True)
     for variant in ("prepared", "raw"):
-        for column in ("success", "silently wrong", "time ×"):
+        for column in ("success", "wrong", "time ×"):
             table.add_column(f"{column}\n{variant}", justify="right")
     for solver in dict.fromkeys(cell.solver for cell in cells):
         row: list[str] = []

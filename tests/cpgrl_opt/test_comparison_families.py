@@ -89,6 +89,23 @@ def test_gradients_have_the_size_in_the_name(power: int) -> None:
         assert np.log10(np.linalg.norm(problem.jacobian)) == pytest.approx(power, abs=1.5)
 
 
+@pytest.mark.parametrize("power", [-12, 12])
+def test_bounds_matter_at_every_scale_of_the_gradients(power: int) -> None:
+    answers = [(problem, exact_answer(problem)) for problem in problems(f"gradients-1e{power}-bounds")]
+    assert any(answer.multipliers.any() for _, answer in answers)
+    for problem, answer in answers:
+        rows = unit_rows(problem.jacobian)
+        assert np.log10(np.abs(rows.per_length(problem.bound)).max()) == pytest.approx(power, abs=1.5)
+        assert np.log10(np.linalg.norm(answer.direction)) == pytest.approx(power, abs=1.5)
+
+
+def test_families_do_not_share_their_random_numbers() -> None:
+    gradients = [FAMILIES[name].problem(0, 0).gradient for name in ("well-conditioned", "zero-rows", "far-bounds")]
+    assert np.linalg.matrix_rank(gradients) == 3
+    scaled = FAMILIES["gradients-1e12"].problem(0, 0).gradient
+    assert not np.allclose(scaled / 1e12, gradients[0])
+
+
 def test_the_cone_of_zero_leaves_nothing() -> None:
     for problem in problems("cone-of-zero"):
         assert not exact_answer(problem).direction.any()
