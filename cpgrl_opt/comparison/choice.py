@@ -8,18 +8,21 @@ from .measurement import Cell
 from .tallies import Tally, tallies, tally
 
 MARGIN = 5.0  # percentage points of success that a safer solver may be behind the best
+SPEEDUP = 1.5  # times mean less below it, on a machine that does other things too
 
 RULE = (
     "Only solvers behind the preparation, as the package offers them; of these, the ones that take the most problems.",
     f"Of these, the ones whose success is at most {MARGIN:g} percentage points below the highest.",
     "Of these, the ones with the fewest unsafe answers (silently wrong, false or missed infeasible, hang, crash).",
     "Of these, the fastest by the geometric mean of its time ratio.",
+    "Beside it, a solver that takes only some problems is named where it solves every problem of the families that it "
+    f"takes, at least {SPEEDUP:g} times as fast as the choice.",
 )
 
 
 @dataclass(frozen=True)
 class Specialist:
-    """A solver that takes only some families, and there solves everything, faster than the general choice."""
+    """A solver that takes only some families, and there solves everything, much faster than the general choice."""
 
     solver: str
     families: tuple[str, ...]
@@ -66,6 +69,6 @@ def _specialists(cells: Sequence[Cell], ranked: Sequence[Tally], first: Tally) -
         there = tally(first.solver, "prepared", [cell for cell in cells if cell.family in families])
         here = tally(each.solver, "prepared", own)
         perfect = here.count("success") == here.problems
-        if perfect and here.time_ratio and there.time_ratio and here.time_ratio < there.time_ratio:
+        if perfect and here.time_ratio and there.time_ratio and SPEEDUP * here.time_ratio <= there.time_ratio:
             found.append(Specialist(each.solver, families, here.time_ratio, there.time_ratio))
     return tuple(found)

@@ -54,6 +54,8 @@ class WorkerProcess:
         with _Watch(process, cpu=order.limit + _TIMING, wall=_WALL_FACTOR * order.limit + _WALL_ALLOWANCE) as watch:
             measurement = receive(process.stdout)
         if isinstance(measurement, Measurement):
+            if watch.acted:  # killed as it answered: the next order needs another process
+                self._discard()
             return measurement
         self._discard()
         return unanswered(order, started, HUNG if watch.acted else CRASHED)
