@@ -44,6 +44,17 @@ class ActiveConstraints:
         """The same for some of the runs."""
         return ActiveConstraints(self.gradients[chosen], self.target[chosen], self.active[chosen])
 
+    def balanced(self) -> "ActiveConstraints":
+        """Rows and targets over a power of two that leaves the largest entry of each row in ½ … 1.
+
+        Nothing changes but the rows' multipliers t/‖Jᵢ‖², which leave float64 for rows beyond 1e±150.
+        """
+        jacobian = self.jacobian
+        _, exponents = np.frexp(np.abs(jacobian).max(axis=2, initial=0.0))
+        gradients = self.gradients.copy()
+        gradients[:, 1:] = np.ldexp(jacobian, -exponents[:, :, None])
+        return replace(self, gradients=gradients, target=np.ldexp(self.target, -exponents))
+
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
         runs, channels, n = self.gradients.shape

@@ -33,7 +33,7 @@ import numpy as np
 
 from .arrays import Mask, Multipliers, Vector
 from .problem import DirectionProblem, euclidean, lengths, unit_rows
-from .validation import require_shape
+from .validation import real_values, require_shape
 
 _EPS = float(np.finfo(np.float64).eps)
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
@@ -76,7 +76,7 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
 
     Free of the scale of g, of J and of each row. Raises ValueError when value or multipliers have a wrong shape.
     """
-    d, mu = np.asarray(direction.value, dtype=np.float64), np.asarray(direction.multipliers, dtype=np.float64)
+    d, mu = real_values("direction.value", direction.value), real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
     if problem.metric is not None or problem.radius is not None:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .arrays import ArrayLike
-from .validation import is_finite, require_shape
+from .validation import is_finite, real_values, require_shape
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -16,7 +16,8 @@ class Linearization:
     Channel 0 of the arrays is the objective r¹; channels 1 … m are the constraints r², r³, …. The arrays
     may carry leading axes, one linearization for each of many independent runs. Gradients are ascent gradients.
 
-    values: (…, 1 + m), average rewards per step; gradients: (…, 1 + m, n), policy gradients of the same.
+    values: (…, 1 + m), average rewards per step; gradients: (…, 1 + m, n), policy gradients of the same. Neither is
+    copied if it is a float64 array already.
     Raises ValueError for NaN, infinities, shapes that do not belong together.
     Source: §2.1–2.2 of the paper (ρⁱ and Δⁱ).
     """
@@ -52,10 +53,7 @@ class Linearization:
 
 
 def _finite(name: str, values: ArrayLike) -> Float[np.ndarray, "..."]:
-    array = np.asarray(values)
-    if array.dtype.kind not in "biuf":
-        raise ValueError(f"{name} should be an array of real numbers; found dtype {array.dtype}")
-    array = np.asarray(array, dtype=np.float64)
+    array = real_values(name, values)
     if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
     return array

@@ -67,6 +67,10 @@ class DirectionProblem:
             require_positive("radius", radius)
             object.__setattr__(self, "radius", float(radius))
 
+    def __reduce__(self) -> tuple[type["DirectionProblem"], tuple[object, ...]]:
+        # Through the constructor, so that a copy or an unpickled problem is read-only too.
+        return DirectionProblem, (self.gradient, self.jacobian, self.bound, self.equality, self.metric, self.radius)
+
     @classmethod
     def trusted(cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask) -> "DirectionProblem":
         """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""

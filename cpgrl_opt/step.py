@@ -16,7 +16,17 @@ from .direction import DirectionBatch, DirectionError, Status
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
-from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, solve_batch, solver_named
+from .solvers import (
+    SELF_JUDGING,
+    SOLVERS,
+    ActiveSet,
+    DirectionSolver,
+    Rosen,
+    refereed,
+    solve_batch,
+    solver_named,
+    tolerance_of,
+)
 from .step_geometry import StepGeometry
 from .validation import finite_array, is_finite, require_member, require_nonnegative, require_shape
 
@@ -51,7 +61,8 @@ _COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "flat")
 class ConstrainedStep:
     """Settings of a step; calling it maps a linearization to a `StepResult`.
 
-    solver, formulation, rule: objects or the names of SOLVERS, FORMULATIONS, ACTIVE_SET_RULES.
+    solver, rule: objects, or the names of SOLVERS, ACTIVE_SET_RULES; formulation: a name of FORMULATIONS. What a
+        solver that is not of SOLVERS calls OPTIMAL or INFEASIBLE is put before the referee here.
     step_size α₁ and restoration_rate αₑ: ≥ 0 (the paper: both 0.02), α₁ > 0 for `restoring`.
     drop: which constraints `equality` takes out of 𝒜 (§2.3): "stationary", argmax λᵢ‖Jᵢ‖ while PΔ¹ = 0 and it is
         positive; "always", whether PΔ¹ = 0 or not; "never". raw_multipliers compares λᵢ instead, as printed.
@@ -86,6 +97,12 @@ class ConstrainedStep:
         if isinstance(self.rule, str):
             require_member("rule", self.rule, tuple(ACTIVE_SET_RULES))
             object.__setattr__(self, "rule", ACTIVE_SET_RULES[self.rule])
+        if isinstance(self.solver, type) or not callable(getattr(self.solver, "solve", None)):
+            raise ValueError(f"solver should be a name or have a method solve(problem); found {self.solver!r}")
+        if not callable(self.rule):
+            raise ValueError(f"rule should be a name or a function (slack, previous) → mask; found {self.rule!r}")
+        if not isinstance(self.raw_multipliers, bool):
+            raise ValueError(f"raw_multipliers should be True or False; found {self.raw_multipliers!r}")
         require_member("formulation", self.formulation, tuple(FORMULATIONS))
         require_member("drop", self.drop, DROP_RULES)
         require_member("on_failure", self.on_failure, ON_FAILURE)
@@ -123,12 +140,21 @@ class ConstrainedStep:
         slack = linearization.slack(limits)
         if not is_finite(slack):  # the linearization is finite, so the thresholds are not
             finite_array("thresholds", limits, 1)
+        if previous is not None:
+            require_shape("previous", np.asarray(previous), slack.shape)
         active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
+        if active.dtype != np.bool_ or active.shape != slack.shape:
+            raise ValueError(
+                f"rule should return booleans of shape {slack.shape}; found {active.dtype} of shape {active.shape}"
+            )
         runs, count = slack.shape[:-1], math.prod(slack.shape[:-1])
+        gradients = np.ascontiguousarray(linearization.gradients)
+        if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
+            gradients = gradients.copy()
         constraints = ActiveConstraints(
-            np.ascontiguousarray(linearization.gradients).reshape(count, channels, n),
+            gradients.reshape(count, channels, n),
             np.maximum(-slack, 0.0).reshape(count, channels - 1),
-            active.reshape(count, channels - 1),
+            np.ascontiguousarray(active).reshape(count, channels - 1),
         )
         run = _Run(self, observe, count)
         change, stationary = run.step(constraints)
@@ -176,8 +202,10 @@ class _Run:
     def without_flat(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """𝒜 without the constraints whose gradient is 0."""
         kept = np.empty_like(constraints.active)
-        step_kernels().leave_out_flat(constraints.gradients, constraints.active, kept, self.counts["flat"])
-        return replace(constraints, active=kept)
+        gradients, active = constraints.gradients, constraints.active
+        extreme = step_kernels().leave_out_flat(gradients, active, kept, self.counts["flat"])
+        constraints = replace(constraints, active=kept)
+        return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
         """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
@@ -210,7 +238,10 @@ class _Run:
 
     def certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
-        answers = solve_batch(self.settings.solver, problems)  # type: ignore[arg-type]
+        solver: DirectionSolver = self.settings.solver  # type: ignore[assignment]
+        answers = solve_batch(solver, problems)
+        if not isinstance(solver, SELF_JUDGING):
+            answers = refereed(problems, answers, tolerance_of(solver))
         if self.observe is not None:
             self.observe(problems, answers)
         if np.count_nonzero(answers.status):

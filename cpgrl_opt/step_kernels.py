@@ -10,24 +10,33 @@ from numba import njit
 _MATRIX, _CUBE, _MASK = "float64[:, ::1]", "float64[:, :, ::1]", "boolean[:, ::1]"
 
 
-def _kernel(*signature: str) -> Any:
-    return njit(f"void({', '.join(signature)})", cache=True, error_model="numpy")
+_LARGE = 2.0**400  # rows between 1/_LARGE and _LARGE can be divided by their squared length without a thought
 
 
-@_kernel(_CUBE, _MASK, _MASK, "int64[::1]")
-def leave_out_flat(gradients: Any, active: Any, kept: Any, flat: Any) -> None:
-    """Kept ← active without the constraints whose gradient is 0; flat ← how many these are, by run."""
+def _kernel(*signature: str, returns: str = "void") -> Any:
+    return njit(f"{returns}({', '.join(signature)})", cache=True, error_model="numpy")
+
+
+@_kernel(_CUBE, _MASK, _MASK, "int64[::1]", returns="boolean")
+def leave_out_flat(gradients: Any, active: Any, kept: Any, flat: Any) -> Any:
+    """Kept ← active without the constraints whose gradient is 0; flat ← how many these are, by run.
+
+    Returns whether a row that is kept is beyond 2^±400.
+    """
     runs, m = active.shape
+    extreme = False
     for b in range(runs):
         flat[b] = 0
         for i in range(m):
             kept[b, i] = False
             if active[b, i]:
+                largest = 0.0
                 for x in gradients[b, 1 + i]:
-                    if x != 0.0:
-                        kept[b, i] = True
-                        break
+                    largest = max(largest, abs(x))
+                kept[b, i] = largest > 0.0
+                extreme = extreme or (largest > 0.0 and not 1.0 / _LARGE < largest < _LARGE)
                 flat[b] += not kept[b, i]
+    return extreme
 
 
 @_kernel(_CUBE, _MATRIX, _MASK, "boolean", "float64", _MATRIX, _CUBE, _MATRIX, _MASK)

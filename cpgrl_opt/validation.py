@@ -6,6 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
+def real_values(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """`values` as float64, not copied if they are; a ValueError for what is no array of real numbers."""
+    given = _as_array(name, values)
+    if given.dtype.kind not in "biuf":
+        raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
+    return np.asarray(given, dtype=np.float64)
+
+
 def real_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """A read-only, C-contiguous float64 copy of `values` with `ndim` axes and no NaN."""
     given = _as_array(name, values)

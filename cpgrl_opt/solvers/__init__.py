@@ -14,6 +14,7 @@ from .interface import (
     DEFAULT_TOLERANCE,
     DirectionSolver,
     MissingPackageError,
+    refereed,
     solve_batch,
     supports,
     tolerance_of,
@@ -46,6 +47,9 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
     }
 )
 
+# They certify what they claim themselves; anybody else's claims are put before the referee where they are used.
+SELF_JUDGING = tuple({type(solver) for solver in SOLVERS.values()})
+
 
 def solver_named(name: str) -> DirectionSolver:
     """SOLVERS[name], or a ValueError that lists the right names."""
@@ -65,6 +69,7 @@ __all__ = [
     "DEFAULT_TOLERANCE",
     "NNLS",
     "OSQP",
+    "SELF_JUDGING",
     "SOLVERS",
     "ActiveSet",
     "DirectionSolver",
@@ -77,6 +82,7 @@ __all__ = [
     "compile_kernels",
     "has_package",
     "is_installed",
+    "refereed",
     "solve_batch",
     "solver_named",
     "supports",

@@ -1,9 +1,13 @@
 """What a direction solver is, and how to ask one that declares little."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
-from ..direction import Direction, DirectionBatch
+import numpy as np
+
+from ..direction import Direction, DirectionBatch, Status
+from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, ProblemBatch
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
@@ -22,6 +26,21 @@ class DirectionSolver(Protocol):
     def solve(self, problem: DirectionProblem) -> Direction:
         """The projection of g onto {d : Jᵢd ≥ bᵢ, Jᵢd = bᵢ on E}, with multipliers and a status; see `Status`."""
         ...
+
+
+def refereed(
+    problems: ProblemBatch | Sequence[DirectionProblem], answers: DirectionBatch, tolerance: float
+) -> DirectionBatch:
+    """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED."""
+    status = answers.status.copy()
+    for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
+        if answer.status == Status.OPTIMAL and not kkt_residuals(problem, answer).worst <= tolerance:
+            status[k] = Status.UNCERTIFIED
+        if answer.status == Status.INFEASIBLE and not (
+            farkas_residual(problem, answer.multipliers) <= tolerance and np.isfinite(answer.value).all()
+        ):
+            status[k] = Status.UNCERTIFIED
+    return replace(answers, status=status)
 
 
 class LoopsOverBatches:

@@ -1,0 +1,114 @@
+"""What a step makes of foreign solvers, of arrays as other libraries hand them out, and of numbers at the limits."""
+
+import copy
+import pickle
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, DirectionProblem, Linearization, Status, kkt_residuals
+
+FORMULATION_NAMES = ["equality", "cone", "restoring"]
+LINEARIZATION = Linearization([0.0, -1.0, -0.5], [[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 1.0, 1.0]])
+THRESHOLDS = [0.0, 0.0]
+
+
+@dataclass(frozen=True)
+class Claiming:
+    """Answers every problem with the same claim: of g, of NaN, or of infeasibility without proof."""
+
+    value: float | None
+    status: Status
+
+    def solve(self, problem):
+        value = problem.gradient if self.value is None else np.full(problem.n, self.value)
+        return Direction(value, np.ones(problem.m), self.status)
+
+
+@dataclass(frozen=True)
+class Honest:
+    """A third party's solver that is right."""
+
+    def solve(self, problem):
+        answer = SOLVERS["nnls"].solve(problem)
+        return Direction(answer.value, answer.multipliers, answer.status)
+
+
+@pytest.mark.parametrize("formulation", FORMULATION_NAMES)
+@pytest.mark.parametrize(
+    "liar", [Claiming(None, Status.OPTIMAL), Claiming(np.nan, Status.OPTIMAL), Claiming(None, Status.INFEASIBLE)]
+)
+def test_a_foreign_claim_that_the_referee_rejects_falls_back(formulation, liar):
+    exact = ConstrainedStep(formulation=formulation)(LINEARIZATION, THRESHOLDS)
+    result = ConstrainedStep(solver=liar, formulation=formulation)(LINEARIZATION, THRESHOLDS)
+    np.testing.assert_array_equal(result.change, exact.change)
+    assert result.counts["fallback"] >= 1
+    assert result.counts["infeasible"] == 0
+
+
+def test_a_foreign_solver_that_is_right_is_believed():
+    result = ConstrainedStep(solver=Honest())(LINEARIZATION, THRESHOLDS)
+    np.testing.assert_allclose(result.change, ConstrainedStep()(LINEARIZATION, THRESHOLDS).change, atol=1e-12)
+    assert result.counts["fallback"] == 0
+
+
+@pytest.mark.parametrize("formulation", FORMULATION_NAMES)
+def test_read_only_gradients_are_taken(formulation):
+    values, gradients = LINEARIZATION.values.copy(), LINEARIZATION.gradients.copy()
+    step = ConstrainedStep(formulation=formulation)
+    expected = step(Linearization(values, gradients), THRESHOLDS).change
+    values.flags.writeable = gradients.flags.writeable = False
+    np.testing.assert_array_equal(step(Linearization(values, gradients), THRESHOLDS).change, expected)
+
+
+SCALES = pytest.mark.parametrize("scale", [1e-170, 1e-150, 1e150, 1e170])
+
+
+@SCALES
+@pytest.mark.parametrize("formulation", ["equality", "cone"])
+def test_tangents_scale_with_the_gradients_and_restorations_with_their_inverse(formulation, scale):
+    scaled = Linearization(LINEARIZATION.values, scale * LINEARIZATION.gradients)
+    for rates, factor in (((1.0, 0.0), scale), ((0.0, 1.0), 1.0 / scale)):
+        step = ConstrainedStep(formulation=formulation, step_size=rates[0], restoration_rate=rates[1])
+        found = step(scaled, THRESHOLDS)
+        np.testing.assert_allclose(found.change / factor, step(LINEARIZATION, THRESHOLDS).change, rtol=1e-12)
+        assert found.counts["fallback"] == found.counts["skipped"] == 0
+
+
+@SCALES
+def test_restoring_takes_gradients_of_any_scale(scale):
+    scaled = Linearization(LINEARIZATION.values, scale * LINEARIZATION.gradients)
+    found = ConstrainedStep(formulation="restoring")(scaled, THRESHOLDS)
+    assert found.counts["fallback"] == found.counts["skipped"] == 0
+    assert np.isfinite(found.change).all()
+    assert found.change.any()
+
+
+def test_a_solver_class_instead_of_an_instance_is_refused_at_once():
+    with pytest.raises(ValueError, match="solver should be a name or have a method solve"):
+        ConstrainedStep(solver=Honest)
+
+
+def test_a_rule_that_returns_no_mask_is_refused():
+    with pytest.raises(ValueError, match="rule should return booleans of shape"):
+        ConstrainedStep(rule=lambda slack, _: slack)(LINEARIZATION, THRESHOLDS)
+    with pytest.raises(ValueError, match="previous should have shape"):
+        ConstrainedStep()(LINEARIZATION, THRESHOLDS, np.array([True]))
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda problem: pickle.loads(pickle.dumps(problem))])
+def test_a_copied_problem_is_read_only_too(copied):
+    problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]], [-np.inf], metric=[1.0, 2.0], radius=3.0)
+    other = copied(problem)
+    for name in ("gradient", "jacobian", "bound", "equality", "metric"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(problem, name))
+        assert not getattr(other, name).flags.writeable
+    assert other.radius == 3.0
+
+
+def test_the_referee_refuses_complex_values():
+    problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]])
+    with pytest.raises(ValueError, match="value should be an array of real numbers"):
+        kkt_residuals(problem, SimpleNamespace(value=np.array([1.0, 2.0 + 1j]), multipliers=np.zeros(1)))
