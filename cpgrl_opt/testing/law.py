@@ -89,6 +89,11 @@ def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
             f"value and multipliers should have shapes ({problem.n},) and ({problem.m},); "
             f"found {value.shape} and {multipliers.shape}{described(problem)}"
         )
+    if status <= Status.INFEASIBLE and not (np.isfinite(value).all() and np.isfinite(multipliers).all()):
+        raise LawBroken(
+            f"value and multipliers of an answer called {status.name} should be finite; "
+            f"found {value.tolist()} and {multipliers.tolist()}{described(problem)}"
+        )
     return Answer(value, multipliers, status)
 
 

@@ -241,3 +241,14 @@ def test_without_hypothesis_the_error_says_what_to_type():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "type: pip install 'cpgrl-opt[testing]'" in run.stdout
+
+
+def test_a_solver_that_answers_nan_gets_a_verdict():
+    class Lost:
+        def solve(self, problem):
+            nothing = np.full(problem.n, np.nan)
+            return Direction(nothing, np.zeros(problem.m), Status.OPTIMAL)
+
+    verdict = check_direction_solver(Lost(), checks=["check_idempotence", "check_claims_are_certified"], max_examples=3)
+    assert not verdict.passed
+    assert "should be finite" in verdict.to_markdown() or "should be finite" in str(verdict)
