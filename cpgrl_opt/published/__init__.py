@@ -1,5 +1,48 @@
-"""Published update directions under their own names."""
+"""Published update directions under their own names, each from its paper's formulas, as direction solvers.
 
-from .adapter import FunctionSolver
+    >>> from cpgrl_opt import DirectionProblem
+    >>> from cpgrl_opt.published import PUBLISHED
+    >>> PUBLISHED["mgda"].solve(DirectionProblem([6.0, 1.0, 1.0], [[-4.0, 1.0, 1.0]])).value.round(12)
+    array([0., 1., 1.])
 
-__all__ = ["FunctionSolver"]
+Each says OPTIMAL of what it returns, that being its claim, the direction to take; those that solve one of our problems
+say so only where `kkt_residuals` agrees. `declaration` tells which laws of `cpgrl_opt.testing` a method breaks, and why;
+`docs/published.md` holds the table, made by `python -m cpgrl_opt.published`.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from ._a_gem import AGEM
+from ._crpo import CRPO
+from ._gem import GEM
+from ._mgda import MGDA
+from ._pcgrad import PCGrad
+from ._upgrad import UPGrad
+from .adapter import FunctionSolver, claimed_direction
+from .interface import Declaration, PublishedMethod
+
+PUBLISHED: Mapping[str, PublishedMethod] = MappingProxyType(
+    {
+        "crpo": CRPO(),
+        "gem": GEM(),
+        "a-gem": AGEM(),
+        "pcgrad": PCGrad(),
+        "mgda": MGDA(),
+        "upgrad": UPGrad(),
+    }
+)
+
+__all__ = [
+    "AGEM",
+    "CRPO",
+    "GEM",
+    "MGDA",
+    "PUBLISHED",
+    "Declaration",
+    "FunctionSolver",
+    "PCGrad",
+    "PublishedMethod",
+    "UPGrad",
+    "claimed_direction",
+]

@@ -1,0 +1,49 @@
+"""Averaged gradient episodic memory: one constraint, the mean of all."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..direction import Direction, Status
+from ..problem import DirectionProblem, lengths
+from .interface import Declaration, gradients_of, is_cone, unsupported
+
+
+@dataclass(frozen=True, kw_only=True)
+class AGEM:
+    """g̃ = g where gᵀr ≥ 0, else g − (gᵀr / rᵀr) r,   r = (1/m) Σ J_k.
+
+    The projection onto the one half-space rᵀd ≥ 0, so our cone problem where m = 1; otherwise that of another, larger
+    set: Σ J_k d ≥ 0 allows one constraint to be harmed as long as the others gain more. μ_k = −(gᵀr / rᵀr)/m.
+    tolerance: what the kit holds it to.
+    Source: Chaudhry et al. 2019, Efficient lifelong learning with A-GEM, eq. 11 (r is their g_ref).
+    """
+
+    tolerance: float = 1e-6
+
+    declaration: ClassVar[Declaration] = Declaration(
+        "A-GEM",
+        "g − min(gᵀr, 0)/(rᵀr) r, r the mean of the rows",
+        "Chaudhry et al. 2019, eq. 11",
+        "the cone problem, b = 0, for one constraint; for more, that of their mean",
+    )
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """J d ≥ 0."""
+        return is_cone(problem)
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """g̃, claimed to be OPTIMAL."""
+        if not self.supports(problem):
+            return unsupported(problem)
+        gradient, rows = gradients_of(problem)
+        multipliers = np.zeros(problem.m)
+        reference = rows.mean(axis=0) if len(rows) else np.zeros(problem.n)
+        size = float(lengths(reference))
+        if size == 0.0:
+            return Direction(gradient.copy(), multipliers, Status.OPTIMAL)
+        unit = reference / size  # rᵀr of rows at 1e-170 is 0
+        along = min(float(gradient @ unit), 0.0)
+        multipliers[problem.bound > -np.inf] = -along / size / len(rows)
+        return Direction(gradient - along * unit, multipliers, Status.OPTIMAL)

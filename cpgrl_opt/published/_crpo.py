@@ -1,0 +1,49 @@
+"""Constraint-rectified policy optimization: climb for a violated constraint, or else for the objective."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..direction import Direction
+from ..problem import DirectionProblem
+from ..validation import require_nonnegative
+from .adapter import claimed_direction
+from .interface import Declaration, gradients_of, unsupported
+
+
+@dataclass(frozen=True, kw_only=True)
+class CRPO:
+    """d = g where bᵢ ≤ η for all i, else Jᵢ of a violated constraint: here that of the largest bᵢ.
+
+    In a linearized problem J d ≥ b a bound bᵢ > 0 is what constraint i lacks (`restoring`): Gᵢ − ρᵢ up to a factor. A
+    switch between gradients, not a projection: in an update it looks at one of them only. slack_allowed η ≥ 0, in the
+    unit of b. tolerance: what the kit holds it to.
+    Source: Xu, Liang & Lan 2021, CRPO: a new approach for safe reinforcement learning, Algorithm 1, lines 5–10.
+    """
+
+    slack_allowed: float = 0.0
+    tolerance: float = 1e-6
+
+    declaration: ClassVar[Declaration] = Declaration(
+        "CRPO",
+        "g where b ≤ η, else the row with the largest bound",
+        "Xu et al. 2021, Algorithm 1",
+        "none: a switch between gradients",
+    )
+
+    def __post_init__(self) -> None:
+        require_nonnegative("slack_allowed", self.slack_allowed)
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """J d ≥ b."""
+        return not problem.equality.any()
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """g or a row of J, claimed to be OPTIMAL."""
+        if not self.supports(problem):
+            return unsupported(problem)
+        gradient, _ = gradients_of(problem)
+        violated = problem.m > 0 and problem.bound.max() > self.slack_allowed
+        value = problem.jacobian[int(np.argmax(problem.bound))] if violated else gradient
+        return claimed_direction(problem, value, self.tolerance)
