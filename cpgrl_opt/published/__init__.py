@@ -5,25 +5,30 @@
     >>> PUBLISHED["mgda"].solve(DirectionProblem([6.0, 1.0, 1.0], [[-4.0, 1.0, 1.0]])).value.round(12)
     array([0., 1., 1.])
 
-Each says OPTIMAL of what it returns, that being its claim, the direction to take; those that solve one of our problems
-say so only where `kkt_residuals` agrees. `declaration` tells which laws of `cpgrl_opt.testing` a method breaks, and why;
-`docs/published.md` holds the table, made by `python -m cpgrl_opt.published`.
+Each says OPTIMAL of what it returns, that being its claim, the direction to take; CPO and GEM, which solve problems of
+ours, only where `kkt_residuals` agrees. Methods without multipliers get those that suit their direction best (`adapter`).
+`declaration` tells which laws of `cpgrl_opt.testing` a method breaks, and why; `python -m cpgrl_opt.published` writes
+the table of all, `docs/published.md`.
 """
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
 from ._a_gem import AGEM
+from ._cpo import CPO
 from ._crpo import CRPO
 from ._gem import GEM
 from ._mgda import MGDA
 from ._pcgrad import PCGrad
+from ._pcpo import PCPO
 from ._upgrad import UPGrad
 from .adapter import FunctionSolver, claimed_direction
 from .interface import Declaration, PublishedMethod
 
 PUBLISHED: Mapping[str, PublishedMethod] = MappingProxyType(
     {
+        "cpo": CPO(),
+        "pcpo": PCPO(),
         "crpo": CRPO(),
         "gem": GEM(),
         "a-gem": AGEM(),
@@ -35,9 +40,11 @@ PUBLISHED: Mapping[str, PublishedMethod] = MappingProxyType(
 
 __all__ = [
     "AGEM",
+    "CPO",
     "CRPO",
     "GEM",
     "MGDA",
+    "PCPO",
     "PUBLISHED",
     "Declaration",
     "FunctionSolver",

@@ -9,6 +9,9 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths
 from .interface import Declaration, gradients_of, is_cone, unsupported
 
+# ‖r‖ that rounding leaves of rows that sum to 0, over the longest row.
+_ROUNDING = 1e-14
+
 
 @dataclass(frozen=True, kw_only=True)
 class AGEM:
@@ -27,6 +30,15 @@ class AGEM:
         "g − min(gᵀr, 0)/(rᵀr) r, r the mean of the rows",
         "Chaudhry et al. 2019, eq. 11",
         "the cone problem, b = 0, for one constraint; for more, that of their mean",
+        {
+            "check_claims_are_certified": "one constraint may be harmed where the mean of all gains",
+            "check_primal_feasibility": "one constraint may be harmed where the mean of all gains",
+            "check_complementarity": "every row has the same share of the multiplier, tight or not",
+            "check_agreement_with_enumeration": "the set is that of the mean constraint",
+            "check_row_scaling": "long rows weigh more in the mean",
+            "check_duplicate_row": "a row that is there twice weighs twice in the mean",
+            "check_inactive_row": "every row turns the mean",
+        },
     )
 
     def supports(self, problem: DirectionProblem) -> bool:
@@ -41,7 +53,7 @@ class AGEM:
         multipliers = np.zeros(problem.m)
         reference = rows.mean(axis=0) if len(rows) else np.zeros(problem.n)
         size = float(lengths(reference))
-        if size == 0.0:
+        if size <= _ROUNDING * float(lengths(rows).max(initial=0.0)):
             return Direction(gradient.copy(), multipliers, Status.OPTIMAL)
         unit = reference / size  # rᵀr of rows at 1e-170 is 0
         along = min(float(gradient @ unit), 0.0)

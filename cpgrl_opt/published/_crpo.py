@@ -30,6 +30,19 @@ class CRPO:
         "g where b ≤ η, else the row with the largest bound",
         "Xu et al. 2021, Algorithm 1",
         "none: a switch between gradients",
+        {
+            "check_claims_are_certified": "constraints that are not violated now are not looked at",
+            "check_stationarity": "a row of J is no g + Jᵀμ",
+            "check_primal_feasibility": "g ignores all constraints, and a row of J all but one",
+            "check_complementarity": "a constraint that the step violates is not tight",
+            "check_gradient_kept_when_feasible": "b > 0 makes it leave g, even where J g ≥ b",
+            "check_agreement_with_enumeration": "a switch is no projection",
+            "check_permutation": "of equal bounds the first row is taken",
+            "check_row_scaling": "b in the unit of each row decides which is taken, and d has its length",
+            "check_scaling": "a row of J has its own length, whatever that of g and b",
+            "check_infeasible_is_called_infeasible": "it does not ask whether a step meets the constraints",
+            "check_least_violation": "it does not ask whether a step meets the constraints",
+        },
     )
 
     def __post_init__(self) -> None:
@@ -37,7 +50,7 @@ class CRPO:
 
     def supports(self, problem: DirectionProblem) -> bool:
         """J d ≥ b."""
-        return not problem.equality.any()
+        return not problem.equality.any() and problem.metric is None and problem.radius is None
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """g or a row of J, claimed to be OPTIMAL."""

@@ -11,6 +11,17 @@ import numpy as np
 from ..arrays import Jacobian, Multipliers, Vector
 from ..problem import lengths, unit_rows
 
+# ‖ĝ + Ĵᵀv̂‖ that rounding leaves of a d = 0, over 1 + Σv̂.
+_ROUNDING = 1e-14
+
+
+def dual_projection(gradient: Vector, jacobian: Jacobian) -> tuple[Vector, Multipliers]:
+    """d and v*; d = 0 exactly where only rounding is left of it. Raises as `dual_weights`."""
+    weights = dual_weights(gradient, jacobian)
+    value = gradient + weights @ jacobian
+    terms = float(lengths(gradient)) + float(lengths(weights[:, None] * jacobian).sum())
+    return (value if float(lengths(value)) > _ROUNDING * terms else np.zeros_like(value)), weights
+
 
 def dual_weights(gradient: Vector, jacobian: Jacobian) -> Multipliers:
     """v*, (m,). Raises RuntimeError where the least-squares problem is not solved within its iterations."""

@@ -6,12 +6,11 @@ from typing import ClassVar
 import numpy as np
 
 from ..direction import Direction, Status
-from ..kkt import kkt_residuals
 from ..problem import DirectionProblem
 from ..validation import require_nonnegative
-from ._dual_cone import dual_weights
+from ._dual_cone import dual_projection
 from .adapter import claimed_direction
-from .interface import Declaration, gradients_of, is_cone, unsupported
+from .interface import Declaration, gradients_of, is_cone, judged, unsupported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,13 +47,9 @@ class GEM:
         if not self.supports(problem):
             return unsupported(problem)
         gradient, rows = gradients_of(problem)
-        weights = dual_weights(gradient, rows)
-        value = gradient + (weights + self.memory_strength) @ rows
+        value, weights = dual_projection(gradient, rows)
         if self.memory_strength > 0:
-            return claimed_direction(problem, value, self.tolerance)
+            return claimed_direction(problem, value + self.memory_strength * rows.sum(axis=0), self.tolerance)
         multipliers = np.zeros(problem.m)
         multipliers[problem.bound > -np.inf] = weights
-        found = Direction(value, multipliers, Status.OPTIMAL)
-        if kkt_residuals(problem, found).worst <= self.tolerance:
-            return found
-        return Direction(value, multipliers, Status.UNCERTIFIED)
+        return judged(problem, Direction(value, multipliers, Status.OPTIMAL), self.tolerance)

@@ -31,6 +31,22 @@ class PCGrad:
         "Σᵢ gᵢᴾ, each gᵢ projected off the gⱼ that it opposes, one after the other",
         "Yu et al. 2020, Algorithm 1",
         "none: objective and constraints are tasks alike",
+        {
+            "check_claims_are_certified": "it sums over objective and constraints",
+            "check_stationarity": "the sum has all gradients in it, tight or not",
+            "check_primal_feasibility": "a later projection undoes an earlier one",
+            "check_complementarity": "a constraint that a later projection harmed is not tight",
+            "check_gradient_kept_when_feasible": "the rows are added to g in any case",
+            "check_agreement_with_enumeration": "it sums over objective and constraints",
+            "check_idempotence": "the rows are added once more",
+            "check_non_expansiveness": "the rows' own projections move with g, whatever the rows' lengths",
+            "check_firm_non_expansiveness": "the rows' own projections move with g, whatever the rows' lengths",
+            "check_permutation": "the order of the projections decides",
+            "check_row_scaling": "d is a sum, so it has the rows' lengths in it",
+            "check_scaling": "d is a sum, of which only one part is scaled with g",
+            "check_duplicate_row": "a row that is there twice is summed twice",
+            "check_inactive_row": "every row is summed",
+        },
     )
 
     def supports(self, problem: DirectionProblem) -> bool:

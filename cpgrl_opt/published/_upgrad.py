@@ -8,7 +8,7 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem
-from ._dual_cone import dual_weights
+from ._dual_cone import dual_projection
 from .adapter import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients, unsupported
 
@@ -29,6 +29,19 @@ class UPGrad:
         "mean of π(gᵢ) over g and the rows, π the projection onto the cone that opposes none of them",
         "Quinton & Rey 2024, §2.2",
         "none: a mean of 1 + m cone problems, objective and constraints being tasks alike; d meets J d ≥ 0",
+        {
+            "check_claims_are_certified": "the mean over objective and constraints is not the vector nearest to g",
+            "check_stationarity": "g has the weight 1/k, and rows have weights that are not tight",
+            "check_gradient_kept_when_feasible": "the rows are in the mean in any case",
+            "check_agreement_with_enumeration": "the mean over objective and constraints is not the vector nearest to g",
+            "check_idempotence": "the rows are in the mean once more",
+            "check_non_expansiveness": "the cone turns with g, and long rows' projections move far",
+            "check_firm_non_expansiveness": "the cone turns with g, and long rows' projections move far",
+            "check_row_scaling": "the rows' lengths are in the mean",
+            "check_scaling": "only one part of the mean is scaled with g",
+            "check_duplicate_row": "a row that is there twice is in the mean twice",
+            "check_inactive_row": "every row is in the mean",
+        },
     )
 
     def supports(self, problem: DirectionProblem) -> bool:
@@ -44,5 +57,5 @@ class UPGrad:
 
 def upgrad(gradients: Jacobian) -> Vector:
     """(1/k) Σᵢ π(gᵢ) of the gradients of k tasks; (k, n) → (n,)."""
-    projected = [gradient + dual_weights(gradient, gradients) @ gradients for gradient in gradients]
+    projected = [dual_projection(gradient, gradients)[0] for gradient in gradients]
     return np.asarray(np.mean(projected, axis=0))

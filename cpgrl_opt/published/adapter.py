@@ -62,7 +62,9 @@ class FunctionSolver:
         raise ValueError(f"function should take (gradient, jacobian, bound) or (gradient, jacobian); found {found}")
 
     def supports(self, problem: DirectionProblem) -> bool:
-        """Inequalities only, or equalities only; b = 0 unless the function takes bounds."""
+        """Inequalities only, or equalities only; b = 0 unless the function takes bounds; no metric, no radius."""
+        if problem.metric is not None or problem.radius is not None:
+            return False
         on = problem.bound > -np.inf
         unshifted = self.takes_bounds or not problem.bound[on].any()
         return bool(unshifted and (problem.equality[on] == self.as_equalities).all())

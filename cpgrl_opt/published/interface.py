@@ -1,13 +1,14 @@
 """What a published method is: a direction solver, and a declaration of what it solves and which laws it breaks."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ..arrays import Jacobian, Vector
 from ..direction import Direction, Status
+from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem
 from .adapter import require_finite
 
@@ -42,7 +43,9 @@ class PublishedMethod(Protocol):
 
 
 def is_cone(problem: DirectionProblem) -> bool:
-    """J d ≥ 0, rows with the bound −inf apart."""
+    """J d ≥ 0, rows with the bound −inf apart; no metric, no radius."""
+    if problem.metric is not None or problem.radius is not None:
+        return False
     return bool(not problem.equality.any() and ((problem.bound == 0.0) | (problem.bound == -np.inf)).all())
 
 
@@ -61,3 +64,12 @@ def stacked_gradients(problem: DirectionProblem) -> Jacobian:
 def unsupported(problem: DirectionProblem) -> Direction:
     """Zeros that claim nothing."""
     return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.UNSUPPORTED)
+
+
+def judged(problem: DirectionProblem, direction: Direction, tolerance: float) -> Direction:
+    """The direction of a method that solves this problem: UNCERTIFIED unless the referee agrees with its claim."""
+    if direction.status == Status.INFEASIBLE:
+        is_proven = farkas_residual(problem, direction.multipliers) <= np.sqrt(tolerance)
+    else:
+        is_proven = kkt_residuals(problem, direction).worst <= tolerance
+    return direction if is_proven else replace(direction, status=Status.UNCERTIFIED)

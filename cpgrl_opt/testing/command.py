@@ -63,6 +63,8 @@ def check_target(
         elif isinstance(message, CheckResult):
             results.append(message)
             progress(message.check)
+    if not any(result.supported for result in results):
+        raise CannotCheck(f"{target} should take some of the laws' problems; found that `supports` takes none")
     verdict = Verdict(target, tolerance, max_examples, seed, tuple(results))
     if markdown is not None:
         markdown.write_text(verdict.to_markdown(), encoding="utf-8")

@@ -115,7 +115,9 @@ def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
 
 def writable_copy(problem: DirectionProblem) -> DirectionProblem:
     """The same problem on arrays that can be written to, as a caller's own class might have them."""
-    copy = DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)
+    copy = DirectionProblem(
+        problem.gradient, problem.jacobian, problem.bound, problem.equality, problem.metric, problem.radius
+    )
     for name in _ARRAYS:
         object.__setattr__(copy, name, getattr(problem, name).copy())
     return copy

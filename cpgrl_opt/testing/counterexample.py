@@ -50,6 +50,8 @@ def _source(value: Any, indent: int) -> str:
             f"bound={_source(value.bound, indent + 4)}",
             f"equality={value.equality.tolist()}",
         ]
+        parts += [f"metric={_source(value.metric, indent + 4)}"] if value.metric is not None else []
+        parts += [f"radius={value.radius!r}"] if value.radius is not None else []
         return "DirectionProblem(\n" + "".join(f"{inner}{part},\n" for part in parts) + f"{outer})"
     if isinstance(value, list | tuple):
         return "[\n" + "".join(f"{inner}{_source(item, indent + 4)},\n" for item in value) + f"{outer}]"

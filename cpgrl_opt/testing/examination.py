@@ -3,7 +3,7 @@
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,6 +60,23 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
     return found
 
 
+def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number: int = 0) -> str:
+    """The message of the first of `max_examples` problems on which the law breaks, "" if it holds on all."""
+    messages: list[str] = []
+
+    def judge(arguments: dict[str, Any]) -> None:
+        try:
+            law.check(solver, **arguments)
+        except LawBroken as broken:
+            messages.append(str(broken))
+            raise _Enough from None
+
+    draws = _Draws(law.arguments(law.applies_to(solver)), max_examples, zlib.crc32(law.name.encode()) + number)
+    with _storage_elsewhere(), suppress(_Enough):
+        draws.each(judge, (Phase.generate,))
+    return "".join(messages)
+
+
 @dataclass(frozen=True)
 class _Draws:
     """The same arguments each time they are gone through, as long as nothing fails."""
@@ -89,7 +106,7 @@ class _Draws:
 
 
 class _Enough(KeyboardInterrupt):
-    """Ends shrinking: the one kind of exception that Hypothesis does not take for a failure of the test."""
+    """Ends the search: the one kind of exception that Hypothesis does not take for a failure of the test."""
 
 
 def _smallest(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[str, Any], str]:

@@ -42,6 +42,7 @@ class Answer:
     value: Vector
     multipliers: Multipliers
     status: Status
+    radius_multiplier: float = 0.0
 
 
 def law(check: Callable[..., None]) -> Callable[..., Outcome]:
@@ -79,6 +80,7 @@ def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
         value = np.array(direction.value, dtype=np.float64)
         multipliers = np.array(direction.multipliers, dtype=np.float64)
         status = _status(direction.status)
+        radius_multiplier = float(getattr(direction, "radius_multiplier", 0.0))
     except (AttributeError, TypeError, ValueError, KeyError) as error:
         raise LawBroken(
             "solve should return an object with value (n,), multipliers (m,) and status, a cpgrl_opt.Status or its "
@@ -94,7 +96,7 @@ def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
             f"value and multipliers of an answer called {status.name} should be finite; "
             f"found {value.tolist()} and {multipliers.tolist()}{described(problem)}"
         )
-    return Answer(value, multipliers, status)
+    return Answer(value, multipliers, status, radius_multiplier)
 
 
 def optimum_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
@@ -137,6 +139,8 @@ def described(problem: DirectionProblem, *answers: Answer) -> str:
         f"    bound       {_numbers(problem.bound)}",
         f"    equality    {problem.equality.tolist()}",
     ]
+    lines += [f"    metric      {_numbers(problem.metric)}"] if problem.metric is not None else []
+    lines += [f"    radius      {problem.radius}"] if problem.radius is not None else []
     for answer in answers:
         lines.append(f"    value       {_numbers(answer.value)}  {answer.status.name}")
         lines.append(f"    multipliers {_numbers(answer.multipliers)}")

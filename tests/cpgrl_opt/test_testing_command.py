@@ -64,6 +64,10 @@ class NeedsAPackage:
     def solve(self, problem):
         raise ImportError("solver 'x' needs the package y; type: pip install y")
 
+class TakesNothing(Good):
+    def supports(self, problem):
+        return False
+
 class NeedsAnArgument:
     def __init__(self, size):
         pass
@@ -188,6 +192,7 @@ def test_the_options_reach_the_laws(cpgrl_check, monkeypatch):
         ("users_solvers:TakesTwo", "solve should take one argument"),
         ("users_solvers:one_argument", "function should take (gradient, jacobian, bound)"),
         ("users_solvers:NeedsAPackage", "pip install y"),
+        ("users_solvers:TakesNothing", "should take some of the laws' problems"),
     ],
 )
 def test_what_cannot_be_checked_exits_with_2_and_one_line(cpgrl_check, target, words):
@@ -255,7 +260,7 @@ def test_a_process_of_its_own_finds_the_current_folder_and_keeps_noise_from_stdo
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert [line for line in lines if "Optimal solution" in line and "should print nothing" not in line] == []
-    assert "of 26 laws 23 held, 2 unsupported, 1 FAILED." in lines[-1]
+    assert lines[-1].endswith(", 2 unsupported, 1 FAILED.")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,115 @@
+"""Each published method's declaration against what the kit measures, in both directions; and the table in the docs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from cpgrl_opt import DirectionProblem
+from cpgrl_opt.problem import euclidean, lengths
+from cpgrl_opt.published import PUBLISHED
+from cpgrl_opt.published.table import BALL_LAWS, speaks_about, takes_balls, to_markdown
+from cpgrl_opt.testing import LAWS, LawBroken
+from cpgrl_opt.testing.examination import first_break
+
+SPOKEN = [(name, law) for name, method in PUBLISHED.items() for law in LAWS if speaks_about(LAWS[law], method)]
+HELD = [pair for pair in SPOKEN if pair[1] not in PUBLISHED[pair[0]].declaration.broken]
+BROKEN = [(name, law) for name, method in PUBLISHED.items() for law in method.declaration.broken]
+
+# For laws that few problems break.
+EXAMPLES = {
+    ("crpo", "check_permutation"): {
+        "problem": DirectionProblem([1.0, 0.0], [[1.0, 0.0], [0.0, 1.0]], [1.0, 1.0]),
+        "order": [1, 0],
+    },
+    ("mgda", "check_non_expansiveness"): {
+        "problem": DirectionProblem([4.0, -3.0], [[3.0, -4.0]]),
+        "other": [4.0, -3.25],
+    },
+    ("mgda", "check_firm_non_expansiveness"): {
+        "problem": DirectionProblem([4.0, -3.0], [[3.0, -4.0]]),
+        "other": [4.0, -3.25],
+    },
+}
+
+
+@st.composite
+def balls(draw, feasible):
+    """A trust region with one constraint, of small integers, in a metric or none; feasible, not, or as it comes."""
+    n = draw(st.sampled_from((2, 1, 3)))
+    numbers = st.lists(st.integers(-3, 3), min_size=n, max_size=n)
+    metric = draw(st.sampled_from((None, np.arange(1.0, n + 1), np.eye(n) + 1.0)))
+    radius = draw(st.sampled_from((1.0, 0.5, 3.0)))
+    row = draw(numbers.filter(any))
+    reach = radius * float(lengths(euclidean(DirectionProblem(np.ones(n), [row], metric=metric)).jacobian[0]))
+    shares = {True: (0.0, 0.9, 0.5, -0.5, -2.0), False: (1.1, 2.0, 5.0)}
+    share = draw(st.sampled_from(shares[True] + shares[False] if feasible is None else shares[feasible]))
+    return DirectionProblem(draw(numbers), [row], share * reach, metric=metric, radius=radius)
+
+
+def with_balls(law):
+    """The law on trust regions."""
+    partial = {"check_infeasible_is_called_infeasible": False, "check_claims_are_certified": None}
+    problem = balls(partial.get(law.name, True))
+    more = {
+        "check_answers_repeat": {"between": problem},
+        "check_non_finite_is_refused": {
+            "where": st.sampled_from(("gradient", "jacobian", "bound")),
+            "value": st.sampled_from((np.nan, np.inf)),
+        },
+    }
+    arguments = st.fixed_dictionaries({"problem": problem, **more.get(law.name, {})})
+    return replace(law, arguments=lambda _: arguments)
+
+
+def what_breaks(name, law_name, max_examples):
+    law, method = LAWS[law_name], PUBLISHED[name]
+    return first_break(with_balls(law) if takes_balls(method) else law, method, max_examples=max_examples)
+
+
+@pytest.mark.parametrize(("name", "law"), BROKEN)
+def test_a_law_that_is_declared_broken_is_broken(name, law):
+    if (name, law) in EXAMPLES:
+        with pytest.raises(LawBroken):
+            LAWS[law].check(PUBLISHED[name], **EXAMPLES[name, law])
+    else:
+        assert what_breaks(name, law, 300)
+
+
+@pytest.mark.parametrize(("name", "law"), HELD)
+def test_a_law_that_is_not_declared_broken_holds(name, law):
+    assert what_breaks(name, law, 5) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "law"), HELD)
+def test_it_holds_on_many_problems(name, law):
+    assert what_breaks(name, law, 500) == ""
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_what_is_declared_broken_is_a_law_about_the_method_and_has_a_reason(name):
+    broken = PUBLISHED[name].declaration.broken
+    assert [pair for pair in SPOKEN if pair[0] == name]
+    assert set(broken) <= {law for key, law in SPOKEN if key == name}
+    assert all(reason.strip() and not reason.endswith(".") for reason in broken.values())
+
+
+def test_the_laws_of_balls_are_laws():
+    assert set(BALL_LAWS) <= set(LAWS)
+
+
+def test_the_table_in_the_docs_is_that_of_the_declarations():
+    docs = Path(__file__).parents[2] / "docs" / "published.md"
+    assert docs.read_text(encoding="utf-8") == to_markdown(), "python -m cpgrl_opt.published > docs/published.md"
+
+
+def test_the_table_marks_what_a_method_breaks_holds_and_is_silent_about():
+    rows = {line.split(" | ")[0].lstrip("| "): line for line in to_markdown().splitlines() if line.startswith("| ")}
+    names = [cell.strip() for cell in rows["law"].strip("|").split("|")][1:]
+    cells = dict(zip(names, [cell.strip() for cell in rows["row scaling"].strip("|").split("|")][1:], strict=True))
+    assert cells == {
+        "CPO": "–", "PCPO": "–", "CRPO": "✗", "GEM": "✓", "A-GEM": "✗", "PCGrad": "✗", "MGDA": "✗", "UPGrad": "✗",
+    }  # fmt: skip

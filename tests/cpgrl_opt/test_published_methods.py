@@ -1,0 +1,202 @@
+"""Published methods: values worked out by hand, identities between them, and with our own problems."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import nnls
+
+from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
+from cpgrl_opt.published import AGEM, CPO, CRPO, GEM, MGDA, PCPO, PUBLISHED, PCGrad, UPGrad
+from cpgrl_opt.testing import direction_problems
+from cpgrl_opt.testing.strategies import Case
+
+CONES = direction_problems(cases=[Case.CONE])
+CONFLICT = DirectionProblem([-4.0, 1.0, 1.0], [[6.0, 1.0, 1.0]])  # TorchJD's example
+
+
+def value(method, problem):
+    return method.solve(problem).value
+
+
+@st.composite
+def balls(draw):
+    """A trust region with one constraint, of small integers, in a metric or none."""
+    small = st.integers(-3, 3)
+    n = draw(st.sampled_from((1, 2, 3)))
+    gradient, row = (draw(st.lists(small, min_size=n, max_size=n)) for _ in range(2))
+    bound = draw(st.sampled_from((0.0, 1.0, -1.0, 5.0, -5.0, -np.inf)))
+    metric = draw(st.sampled_from((None, np.arange(1.0, n + 1), np.eye(n) + 1.0)))
+    return DirectionProblem(gradient, [row], bound, metric=metric, radius=draw(st.sampled_from((1.0, 0.5, 3.0))))
+
+
+@pytest.mark.parametrize(
+    ("method", "problem", "expected"),
+    [
+        (MGDA(), CONFLICT, [0.0, 1.0, 1.0]),
+        (PCGrad(), CONFLICT, [-4 + 66 / 19 + 6 - 44 / 9, 2 + 11 / 19 + 11 / 9, 2 + 11 / 19 + 11 / 9]),
+        (UPGrad(), CONFLICT, [(2 + 66 / 19 - 44 / 9) / 2, (2 + 11 / 19 + 11 / 9) / 2, (2 + 11 / 19 + 11 / 9) / 2]),
+        (GEM(), CONFLICT, [-4 + 66 / 19, 1 + 11 / 19, 1 + 11 / 19]),
+        (AGEM(), CONFLICT, [-4 + 66 / 19, 1 + 11 / 19, 1 + 11 / 19]),
+        (GEM(memory_strength=0.5), DirectionProblem([1.0, 0.0], [[-2.0, 0.0], [0.0, 1.0]]), [-1.0, 0.5]),
+        (AGEM(), DirectionProblem([1.0, 0.0], [[-3.0, 0.0], [1.0, 2.0]]), [0.5, 0.5]),
+        (AGEM(), DirectionProblem([1.0, 0.0], [[-3.0, 0.0], [4.0, 0.0]]), [1.0, 0.0]),
+        (CRPO(), DirectionProblem([1.0, 0.0], [[0.0, 1.0], [0.0, 2.0]], [0.1, 0.2]), [0.0, 2.0]),
+        (CRPO(), DirectionProblem([1.0, 0.0], [[0.0, 1.0]], [-0.1]), [1.0, 0.0]),
+        (CRPO(slack_allowed=0.3), DirectionProblem([1.0, 0.0], [[0.0, 1.0]], [0.2]), [1.0, 0.0]),
+        (MGDA(), DirectionProblem([2.0, 0.0], [[0.0, 1.0]]), [0.4, 0.8]),
+        (CPO(), DirectionProblem([3.0, 4.0], [[0.0, 1.0]], radius=5.0), [3.0, 4.0]),
+        (CPO(), DirectionProblem([3.0, 4.0], [[0.0, -1.0]], radius=5.0), [5.0, 0.0]),
+        (CPO(), DirectionProblem([3.0, 4.0], [[0.0, -1.0]], [4.0], radius=5.0), [3.0, -4.0]),
+        (CPO(), DirectionProblem([3.0, 4.0], [[0.0, -2.0]], [20.0], radius=5.0), [0.0, -5.0]),
+        (CPO(), DirectionProblem([4.0, 0.0], [[0.0, 1.0]], metric=[4.0, 1.0], radius=2.0), [1.0, 0.0]),
+        (PCPO(), DirectionProblem([3.0, 4.0], [[0.0, -1.0]], radius=5.0), [3.0, 0.0]),
+        (PCPO(), DirectionProblem([3.0, 4.0], [[0.0, -1.0]], [4.0], radius=5.0), [3.0, -4.0]),
+        (PCPO(), DirectionProblem([2.0, 0.0], [[-1.0, 1.0]], metric=[4.0, 1.0], radius=2.0), [0.8, 0.8]),
+        (PCPO(projection="l2"), DirectionProblem([2.0, 0.0], [[-1.0, 1.0]], metric=[4.0, 1.0], radius=2.0), [0.5, 0.5]),
+    ],
+)
+def test_a_value_worked_out_by_hand(method, problem, expected):
+    np.testing.assert_allclose(value(method, problem), expected, rtol=0, atol=1e-12)
+
+
+def test_upgrad_and_pcgrad_are_those_that_torchjd_prints():
+    np.testing.assert_allclose(value(UPGrad(), CONFLICT), [0.2929, 1.9004, 1.9004], atol=1e-3)
+    np.testing.assert_allclose(value(PCGrad(), CONFLICT), [0.5848, 3.8012, 3.8012], atol=1e-4)
+
+
+@settings(max_examples=20)
+@given(CONES)
+def test_gem_is_the_cone_projection(problem):
+    ours = SOLVERS["enumeration"].solve(problem)
+    found = GEM().solve(problem)
+    assert found.status == ours.status == Status.OPTIMAL
+    np.testing.assert_allclose(found.value, ours.value, atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(CONES)
+def test_a_gem_is_the_cone_projection_of_one_averaged_row(problem):
+    mean = DirectionProblem(problem.gradient, problem.jacobian.mean(axis=0, keepdims=True))
+    np.testing.assert_allclose(value(AGEM(), problem), SOLVERS["enumeration"].solve(mean).value, atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(CONES)
+def test_upgrad_is_the_mean_of_the_projections_of_all_gradients(problem):
+    tasks = np.vstack([problem.gradient, problem.jacobian])
+    projected = [SOLVERS["enumeration"].solve(DirectionProblem(task, tasks)).value for task in tasks]
+    np.testing.assert_allclose(value(UPGrad(), problem), np.mean(projected, axis=0), atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(CONES)
+def test_mgda_is_the_shortest_point_of_the_hull(problem):
+    """‖d‖² ≤ ⟨d, gᵢ⟩ for all i, and d in the hull: then d is no longer than any of its points."""
+    d, tasks = value(MGDA(), problem), np.vstack([problem.gradient, problem.jacobian])
+    assert (tasks @ d >= d @ d - 1e-9).all()
+    in_hull = np.vstack([tasks.T, np.ones(len(tasks))])
+    _, distance = nnls(in_hull, np.append(d, 1.0))
+    assert distance <= 1e-7
+
+
+@settings(max_examples=20)
+@given(CONES.filter(lambda problem: problem.m == 1))
+def test_for_one_constraint_gem_and_a_gem_are_one(problem):
+    np.testing.assert_allclose(value(GEM(), problem), value(AGEM(), problem), atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(CONES.filter(lambda problem: problem.m == 1))
+def test_for_two_tasks_pcgrad_is_twice_upgrad(problem):
+    np.testing.assert_allclose(value(PCGrad(), problem), 2 * value(UPGrad(), problem), atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(balls())
+def test_cpo_is_the_trust_region(problem):
+    ours, found = SOLVERS["active-set"].solve(problem), CPO().solve(problem)
+    assert found.status == ours.status
+    np.testing.assert_allclose(found.value, ours.value, atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(balls())
+def test_cpo_has_the_multipliers_of_the_papers_dual(problem):
+    """λ* and ν* maximise the dual; here it is evaluated as the supplement prints it, with costs and losses."""
+    found = CPO().solve(problem)
+    H = np.eye(problem.n) if problem.metric is None else np.array(problem.metric)
+    inverse = np.linalg.inv(np.diag(H) if H.ndim == 1 else H)
+    g, b, c, delta = -problem.gradient, -problem.jacobian[0], float(problem.bound[0]), problem.radius**2
+    q, r, s = g @ inverse @ g, g @ inverse @ b, b @ inverse @ b
+    lam, nu = found.radius_multiplier, float(found.multipliers[0])
+    if found.status != Status.OPTIMAL or lam == 0.0 or np.isinf(c):
+        return
+    expected = np.sqrt((q - r**2 / s) / (delta / 1 - c**2 / s)) if nu > 0 else np.sqrt(q / delta)
+    np.testing.assert_allclose(lam, expected, rtol=1e-7)
+    if nu > 0:
+        np.testing.assert_allclose(nu, (lam * c - r) / s, atol=1e-9)
+
+
+@settings(max_examples=20)
+@given(balls())
+def test_pcpo_and_cpo_coincide_where_the_step_without_the_constraint_is_feasible(problem):
+    free = DirectionProblem(problem.gradient, np.zeros((0, problem.n)), metric=problem.metric, radius=problem.radius)
+    step = value(CPO(), free)
+    found = {name: PUBLISHED[name].solve(problem) for name in ("cpo", "pcpo")}
+    if (problem.jacobian @ step >= problem.bound).all() and problem.gradient.any():
+        np.testing.assert_allclose(found["pcpo"].value, step, atol=1e-12)
+        np.testing.assert_allclose(found["cpo"].value, step, atol=1e-12)
+
+
+@settings(max_examples=20)
+@given(balls())
+def test_for_bound_0_pcpo_points_the_way_of_cpo_and_no_farther(problem):
+    cone = DirectionProblem(problem.gradient, problem.jacobian, 0.0, metric=problem.metric, radius=problem.radius)
+    longer, shorter = value(CPO(), cone), value(PCPO(), cone)
+    length = np.sqrt(shorter @ shorter)
+    assert shorter @ longer >= length * np.sqrt(longer @ longer) - 1e-7
+    assert length <= np.sqrt(longer @ longer) + 1e-12
+
+
+def test_a_sign_error_in_cpos_dual_is_seen_by_the_referee():
+    """ν = max(λc − r, 0)/s with g of the reward: the multipliers of −g."""
+    problem = DirectionProblem([3.0, 4.0], [[0.0, -1.0]], radius=5.0)
+    wrong = CPO().solve(DirectionProblem([-3.0, -4.0], [[0.0, -1.0]], radius=5.0))
+    assert kkt_residuals(problem, CPO().solve(problem)).worst <= 1e-12
+    assert kkt_residuals(problem, wrong).worst > 0.1
+
+
+def test_a_ball_that_touches_the_constraint_in_one_point_is_not_certified():
+    touching = DirectionProblem([0.0, 1.0], [[1.0, 0.0]], [1.0], radius=1.0)
+    found = CPO().solve(touching)
+    assert found.status == Status.UNCERTIFIED
+    np.testing.assert_array_equal(found.value, [1.0, 0.0])
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_what_a_method_does_not_take_is_unsupported(name):
+    problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]], 1.0, True, metric=[1.0, 2.0])
+    found = PUBLISHED[name].solve(problem)
+    assert found.status == Status.UNSUPPORTED
+    assert not found.value.any()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: GEM(memory_strength=-1.0), "memory_strength should be a number ≥ 0; found -1.0"),
+        (lambda: CRPO(slack_allowed=float("nan")), "slack_allowed should be a number ≥ 0"),
+        (lambda: PCPO(projection="l1"), "projection should be one of kl, l2; found 'l1'"),
+    ],
+)
+def test_settings_out_of_range_are_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_switched_off_rows_are_no_tasks():
+    problem = DirectionProblem([1.0, 0.0], [[-1.0, 1.0], [-1.0, 0.0]], [0.0, -np.inf])
+    alone = DirectionProblem([1.0, 0.0], [[-1.0, 1.0]])
+    for name in ("gem", "a-gem", "pcgrad", "mgda", "upgrad"):
+        np.testing.assert_allclose(value(PUBLISHED[name], problem), value(PUBLISHED[name], alone), atol=1e-12)
