@@ -32,6 +32,7 @@ class CPO:
 
     tolerance: float = 1e-6
 
+    takes_geometry: ClassVar[bool] = True
     declaration: ClassVar[Declaration] = Declaration(
         "CPO",
         "H⁻¹(g + ν*J)/λ*",

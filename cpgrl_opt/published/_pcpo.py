@@ -27,6 +27,7 @@ class PCPO:
     projection: str = "kl"
     tolerance: float = 1e-6
 
+    takes_geometry: ClassVar[bool] = True
     declaration: ClassVar[Declaration] = Declaration(
         "PCPO",
         "√(δ/q) H⁻¹g, then its projection onto J x ≥ c",

@@ -30,10 +30,10 @@ class UPGrad:
         "Quinton & Rey 2024, §2.2",
         "none: a mean of 1 + m cone problems, objective and constraints being tasks alike; d meets J d ≥ 0",
         {
-            "check_claims_are_certified": "the mean over objective and constraints is not the vector nearest to g",
+            "check_claims_are_certified": "the mean over all tasks is not the vector nearest to g",
             "check_stationarity": "g has the weight 1/k, and rows have weights that are not tight",
             "check_gradient_kept_when_feasible": "the rows are in the mean in any case",
-            "check_agreement_with_enumeration": "the mean over objective and constraints is not the vector nearest to g",
+            "check_agreement_with_enumeration": "the mean over all tasks is not the vector nearest to g",
             "check_idempotence": "the rows are in the mean once more",
             "check_non_expansiveness": "the cone turns with g, and long rows' projections move far",
             "check_firm_non_expansiveness": "the cone turns with g, and long rows' projections move far",

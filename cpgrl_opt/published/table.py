@@ -73,6 +73,6 @@ put every method to every law, and a declaration that is wrong in either directi
 
 {HOLDS} holds, {BREAKS} breaks, {SILENT} says nothing about the problems that the method takes. A broken law is no fault
 where the method solves another problem than ours: it says in what the two differ. g is the ascent gradient of the
-objective, the rows of J those of the constraints; CPO and PCPO take problems with a radius and one constraint, the others
-J d ≥ 0 (CRPO J d ≥ b). Methods without multipliers get those that suit their direction best, so that dual feasibility
-holds of itself, and complementarity where no constraint is violated."""
+objective, the rows of J those of the constraints; CPO and PCPO take problems with a radius and one constraint, the
+others J d ≥ 0 (CRPO J d ≥ b). Methods without multipliers get those that suit their direction best, so that dual
+feasibility holds of itself, and complementarity where no constraint is violated."""

@@ -60,21 +60,24 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
     return found
 
 
-def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number: int = 0) -> str:
-    """The message of the first of `max_examples` problems on which the law breaks, "" if it holds on all."""
-    messages: list[str] = []
+def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number: int = 0) -> Examination:
+    """Counts over `max_examples` problems, or up to the first that breaks the law, and its arguments and message."""
+    found = Examination()
 
     def judge(arguments: dict[str, Any]) -> None:
         try:
-            law.check(solver, **arguments)
+            outcome = law.check(solver, **arguments)
         except LawBroken as broken:
-            messages.append(str(broken))
+            found.broken, found.arguments, found.message = 1, arguments, str(broken)
             raise _Enough from None
+        found.held += outcome == Outcome.HELD
+        found.declined += outcome == Outcome.DECLINED
+        found.skipped += outcome == Outcome.SKIPPED
 
     draws = _Draws(law.arguments(law.applies_to(solver)), max_examples, zlib.crc32(law.name.encode()) + number)
     with _storage_elsewhere(), suppress(_Enough):
         draws.each(judge, (Phase.generate,))
-    return "".join(messages)
+    return found
 
 
 @dataclass(frozen=True)
