@@ -1,14 +1,61 @@
-"""The directory of a reproduction: results of two runs never lie side by side in it."""
+"""The directory of a reproduction: finished results stay until others are finished, and two runs never mix in it."""
 
-from collections.abc import Sequence
+import itertools
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+from ..interrupts import InterruptsHeld
 
-def clear(directory: Path, files: Sequence[str]) -> None:
-    """Makes the directory if it is not there; removes these files, an earlier run's, and no others."""
+UNFINISHED = "unfinished"
+_LAST = "summary.json"  # without it a directory does not hold a finished run
+
+
+class UnusableDirectoryError(ValueError):
+    """The directory asked for is not there and cannot be made."""
+
+
+@contextmanager
+def results_directory(directory: Path, files: Sequence[str]) -> Iterator[Path]:
+    """Where to write these files: the directory, made if it is not there, or a folder of its own within it.
+
+    If any of them is in the directory already, an earlier run's, `place_for` names the folder. At the context's end
+    what is in it takes their place, and those that were not written anew are removed; on an exception both stay as
+    they are. Other files are left alone. Raises UnusableDirectoryError where there can be no directory.
+    """
+    place = place_for(directory, files)
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for name in files:
-            (directory / name).unlink(missing_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ValueError(f"out should be a directory to write into; found {directory} ({error.strerror})") from error
+        raise UnusableDirectoryError(
+            f"out should be a directory to write into; found {directory} ({error.strerror})"
+        ) from error
+    try:
+        yield place
+    except BaseException:
+        if place != directory and not any(place.iterdir()):
+            place.rmdir()
+        raise
+    if place != directory:
+        _swap_in(place, directory, files)
+
+
+def place_for(directory: Path, files: Sequence[str]) -> Path:
+    """The directory if it has none of the files, else the first of unfinished, unfinished-2, … that is not there."""
+    if not any((directory / name).exists() for name in files):
+        return directory
+    names = itertools.chain([UNFINISHED], (f"{UNFINISHED}-{number}" for number in itertools.count(2)))
+    return next(directory / name for name in names if not (directory / name).exists())
+
+
+def _swap_in(place: Path, directory: Path, files: Sequence[str]) -> None:
+    with InterruptsHeld():
+        # The summary goes first and comes last: killed in between, the directory does not pass for finished.
+        (directory / _LAST).unlink(missing_ok=True)
+        for name in sorted(files, key=lambda name: name == _LAST):
+            if (place / name).exists():
+                os.replace(place / name, directory / name)
+            else:
+                (directory / name).unlink(missing_ok=True)
+        place.rmdir()

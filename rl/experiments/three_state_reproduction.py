@@ -12,7 +12,7 @@ from envs import ThreeStateMDP
 
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
-from .results_directory import clear
+from .results_directory import results_directory
 from .step_report import handing_over, in_words
 from .subproblems import FILE as SUBPROBLEMS
 from .subproblems import write_subproblems
@@ -51,13 +51,17 @@ class Reproduction:
 def reproduce_three_state(
     settings: ThreeStateSettings, directory: Path, *, processes: int = 1, listen: Listener | None = None
 ) -> Reproduction:
-    """Writes FILES into the directory, made if it is not there; files of an earlier run are removed first.
+    """Writes FILES into the directory as `results_directory` says: an earlier run's stay until these are finished.
 
     Direction problems are written only if settings.record > 0. Interrupted, it leaves `learning.csv` with what was
     recorded. Raises as `train_three_state`.
     """
+    with results_directory(directory, FILES) as place:
+        return _reproduce(settings, place, processes, listen)
+
+
+def _reproduce(settings: ThreeStateSettings, directory: Path, processes: int, listen: Listener | None) -> Reproduction:
     begun = perf_counter()
-    clear(directory, FILES)
     results = train_three_state(
         settings, directory / "learning.csv", processes=processes, listen=listen, meanwhile=_load
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
-from .results_directory import clear
+from .results_directory import results_directory
 from .step_report import handing_over, in_words
 from .subproblems import FILE as SUBPROBLEMS
 from .subproblems import write_subproblems
@@ -47,13 +47,19 @@ class ArmReproduction:
 def reproduce_two_link_arm(
     settings: ArmSettings, directory: Path, *, processes: int = 1, listen: Callable[[Advance], None] | None = None
 ) -> ArmReproduction:
-    """Writes those of FILES that the settings ask for into the directory, made if it is not there.
+    """Writes those of FILES that the settings ask for into the directory, as `results_directory` says.
 
-    Files of an earlier run are removed first. Interrupted, it leaves `learning.csv`, and `compare.csv` where asked
-    for, with what was done. Raises as `train_two_link_arm`.
+    An earlier run's stay until these are finished. Interrupted, it leaves `learning.csv`, and `compare.csv` where
+    asked for, with what was done. Raises as `train_two_link_arm`.
     """
+    with results_directory(directory, FILES) as place:
+        return _reproduce(settings, place, processes, listen)
+
+
+def _reproduce(
+    settings: ArmSettings, directory: Path, processes: int, listen: Callable[[Advance], None] | None
+) -> ArmReproduction:
     begun = perf_counter()
-    clear(directory, FILES)
     results = train_two_link_arm(settings, directory, processes=processes, listen=listen, meanwhile=load_figures)
     trained = perf_counter()
     claims = two_link_arm_claims(evidence(results))
