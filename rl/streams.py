@@ -1,11 +1,13 @@
 """Random streams: run i of seed s draws the same numbers whatever else runs beside it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .policies.interface import require_count
+
+MOST_RUNS = 1_000_000  # in lockstep; beyond, a slip of the keyboard would fill the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +26,15 @@ def run_streams(seed: int, run: int) -> RunStreams:
 
 
 def run_indices(runs: int | Sequence[int]) -> tuple[int, ...]:
-    """0 … runs − 1, or the indices themselves; ValueError unless there is at least one, each ≥ 0."""
+    """0 … runs − 1, or the indices themselves; ValueError unless there is at least one, each ≥ 0, none twice."""
     if isinstance(runs, (int, np.integer)):
-        require_count("runs", int(runs))
+        require_count("runs", runs, most=MOST_RUNS)
         return tuple(range(runs))
-    indices = tuple(int(run) for run in runs)
-    if not indices or min(indices) < 0:
+    given: object = runs
+    indices = tuple(given) if isinstance(given, Iterable) else ()
+    whole = all(isinstance(run, (int, np.integer)) and not isinstance(run, bool) for run in indices)
+    if not indices or not whole or min(indices) < 0:
         raise ValueError(f"runs should be a number ≥ 1 or indices ≥ 0; found {runs!r}")
-    return indices
+    if len(set(indices)) < len(indices):
+        raise ValueError(f"runs should be indices that differ, since the same index is the same run; found {runs!r}")
+    return tuple(map(int, indices))

@@ -72,14 +72,20 @@ def train(
     Raises ValueError for bad input at once, DivergenceError when an estimate or θ is not finite or moves further.
     """
     require_count("episodes", episodes, 0)
-    if not max_change > 0:
-        raise ValueError(f"max_change should be > 0; found {max_change!r}")
+    _require_types(initial, max_change)
     indices = run_indices(runs)
     streams = [run_streams(seed, run) for run in indices]
     parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
     estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
     course = _Course(indices, episodes, observe, stop_when_stationary, max_change)
     return _records(estimation, learner, parameters, course)
+
+
+def _require_types(initial: object, max_change: object) -> None:
+    if not isinstance(max_change, (int, float, np.integer, np.floating)) or not max_change > 0:
+        raise ValueError(f"max_change should be a number > 0; found {max_change!r}")
+    if initial is not None and not callable(initial):
+        raise ValueError(f"initial should be a function of a random generator, or None; found {initial!r}")
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from ..estimators import GPOMDP
 from ..learners import CPGRL, ConstraintSwitching, Learner, WeightedSum
 from ..policies import SoftmaxTable
 from ..policies.interface import require_count
+from ..streams import MOST_RUNS
 from ..training import TrainingRecord, train, uniform_parameters
 from .learning_curves import LearningCurves
 from .solver_cases import require_installed
@@ -61,7 +62,8 @@ class ThreeStateSettings:
     thresholds: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name in ("runs", "episodes", "steps", "record_every"):
+        require_count("runs", self.runs, most=MOST_RUNS)
+        for name in ("episodes", "steps", "record_every"):
             require_count(name, getattr(self, name))
         for name in ("seed", "record"):
             require_count(name, getattr(self, name), 0)

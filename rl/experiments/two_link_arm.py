@@ -12,6 +12,7 @@ from ..estimators import GPOMDP, GradientEstimator, KondaActorCritic
 from ..learners import CPGRL, GradientWithRestoration, Learner, WeightedSum
 from ..policies import NormalizedGaussianNetwork
 from ..policies.interface import require_count
+from ..streams import MOST_RUNS
 
 ESTIMATORS = ("konda", "gpomdp")
 PAPER = ("a", "b", "c")  # the columns of Fig. 7
@@ -94,7 +95,8 @@ class ArmSettings:
     record: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("runs", "episodes", "steps", "record_every"):
+        require_count("runs", self.runs, most=MOST_RUNS)
+        for name in ("episodes", "steps", "record_every"):
             require_count(name, getattr(self, name))
         for name in ("seed", "record"):
             require_count(name, getattr(self, name), 0)

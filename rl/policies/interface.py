@@ -42,7 +42,9 @@ def parameter_vector(parameters: ArrayLike | None, n: int) -> NDArray[np.float64
     return theta
 
 
-def require_count(name: str, value: int, least: int = 1) -> None:
-    """ValueError unless `value` is an integer ≥ least."""
+def require_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
+    """ValueError unless `value` is an integer ≥ least, and ≤ most if given."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueError(f"{name} should be an integer ≥ {least}; found {value!r}")
+    if most is not None and value > most:
+        raise ValueError(f"{name} should be an integer ≤ {most}; found {value!r}")
