@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
+from .interrupts import InterruptsHeld
+
 if TYPE_CHECKING:
     from .experiments.claims import Claim
     from .experiments.progress import TrainingProgress
@@ -29,6 +31,14 @@ class ListedCommands(TyperGroup):
             _refuse(f"{ctx.command_path} should be followed by one of {names}; found {args[0]!r}")
         return super().resolve_command(ctx, args)
 
+    def invoke(self, ctx: Any) -> Any:
+        """The command's; Ctrl-C where it does not look for it itself, as while it imports, is one line."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            _tell_interrupted()
+            raise typer.Exit(INTERRUPTED) from None
+
 
 _SETTINGS: dict[str, Any] = {"cls": ListedCommands, "no_args_is_help": True, "pretty_exceptions_enable": False}
 app = typer.Typer(help="Constrained policy-gradient reinforcement learning.", add_completion=False, **_SETTINGS)
@@ -38,7 +48,15 @@ app.add_typer(reproduce, name="reproduce")
 
 def main() -> None:
     """The entry point of `cpgrl`."""
-    app()
+    try:
+        app()
+    except KeyboardInterrupt:  # before typer looks for it
+        _tell_interrupted()
+        sys.exit(INTERRUPTED)
+
+
+def _tell_interrupted() -> None:
+    typer.echo("Interrupted.", err=True)
 
 
 def _print_version(wanted: bool) -> None:
@@ -91,7 +109,7 @@ def check(
         from cpgrl_opt.testing.command import run_check
     except ImportError as error:  # the kit's own extra; the message holds what to type
         _refuse(str(error))
-    with _clean_errors():
+    with _clean_errors(ValueError):
         raise typer.Exit(
             run_check(
                 target, max_examples=max_examples, seed=seed, markdown=markdown,
@@ -109,7 +127,7 @@ def export(
     from cpgrl_opt.comparison.export import export_recording
     from cpgrl_opt.comparison.recording import load_recording
 
-    with _clean_errors():
+    with _clean_errors(ValueError):
         recorded = load_recording(recording)
         export_recording(recorded, test_set)
     typer.echo(f"Wrote {len(recorded)} problems into {test_set}")
@@ -129,7 +147,7 @@ def compare(
     """Every direction solver on families of problems: accuracy beside time, raw libraries beside ours."""
     from cpgrl_opt.comparison.command import Request, run_command
 
-    with _clean_errors():
+    with _clean_errors(ValueError):
         request = Request(
             solvers=_names(solvers), families=_names(families), problems=problems, seed=seed, quick=quick
         )  # fmt: skip
@@ -166,12 +184,14 @@ def three_state(
     compare_episodes: Annotated[int, typer.Option(help="Of --compare, where a solver is not compiled.")] = 500,
 ) -> None:
     """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
-    from .experiments.progress import training_progress
-    from .experiments.three_state import METHODS, ThreeStateSettings
-    from .experiments.three_state_comparison import ComparisonSettings
-    from .experiments.three_state_reproduction import FILES, remarks, reproduce_three_state
+    with InterruptsHeld():
+        from .experiments.progress import training_progress
+        from .experiments.three_state import METHODS, ThreeStateSettings
+        from .experiments.three_state_comparison import ComparisonSettings
+        from .experiments.three_state_reproduction import FILES, remarks, reproduce_three_state
 
-    with _clean_errors():
+    with _clean_errors(ValueError):
+        processes = _processes(jobs)
         settings = ThreeStateSettings(
             runs=runs, episodes=episodes, steps=steps, seed=seed,
             solver=solver, formulation=formulation, record_every=record_every, record=record,
@@ -180,10 +200,10 @@ def three_state(
             training=settings, solvers=_listed(compare_solvers), formulations=_listed(compare_formulations),
             slow_episodes=compare_episodes,
         )  # fmt: skip
-        with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out):
-            done = reproduce_three_state(settings, out, processes=_processes(jobs), listen=progress.listen)
+    with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
+        done = reproduce_three_state(settings, out, processes=processes, listen=progress.listen)
     if comparison is not None:
-        _compare(comparison, out, _processes(jobs))
+        _compare(comparison, out, processes)
     written = [name for name in FILES if (out / name).exists()]
     _report(done.claims, remarks(done), written, out, strict=strict)
 
@@ -216,20 +236,22 @@ def arm(
     ] = False,
 ) -> None:
     """The two-link arm with and without constraints: §4 of the paper, Fig. 6 and 7."""
-    from .experiments.progress import training_progress
-    from .experiments.two_link_arm import ArmSettings
-    from .experiments.two_link_arm_comparison import print_comparison
-    from .experiments.two_link_arm_reproduction import FILES, remarks, reproduce_two_link_arm
+    with InterruptsHeld():
+        from .experiments.progress import training_progress
+        from .experiments.two_link_arm import ArmSettings
+        from .experiments.two_link_arm_comparison import print_comparison
+        from .experiments.two_link_arm_reproduction import FILES, remarks, reproduce_two_link_arm
 
-    with _clean_errors():
+    with _clean_errors(ValueError):
+        processes = _processes(jobs)
         settings = ArmSettings(
             runs=runs, episodes=episodes, seed=seed, solver=solver, formulation=formulation, estimator=estimator,
             conditions=[name.strip() for name in conditions.split(",")], record_every=record_every, compare=compare,
             record=record,
         )  # fmt: skip
-        labels = [case.label for case in settings.cases()]
-        with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out):
-            done = reproduce_two_link_arm(settings, out, processes=_processes(jobs), listen=progress.listen)
+    labels = [case.label for case in settings.cases()]
+    with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
+        done = reproduce_two_link_arm(settings, out, processes=processes, listen=progress.listen)
     if done.comparison:
         print_comparison(done.comparison, done.results.arm)
     written = [name for name in FILES if (out / name).exists()]
@@ -253,24 +275,30 @@ def _listed(names: str) -> list[str]:
 
 
 @contextmanager
-def _telling_what_is_kept(progress: "TrainingProgress", out: Path) -> Iterator[None]:
-    """Whatever ends a training early, what the disk holds is said."""
+def _telling_what_is_kept(progress: "TrainingProgress", out: Path, files: Sequence[str]) -> Iterator[None]:
+    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line."""
+    from .experiments.results_directory import UnusableDirectoryError, place_for
+
+    place = place_for(out, files)
     try:
-        yield
+        with _clean_errors(UnusableDirectoryError):
+            try:
+                yield
+            except Exception:
+                progress.stop()
+                if progress.recorded:
+                    typer.echo(_kept(progress, place, out), err=True)
+                raise
     except KeyboardInterrupt:
         progress.stop()
-        typer.echo(f"Interrupted. {_kept(progress, out)}", err=True)
+        typer.echo(f"Interrupted. {_kept(progress, place, out)}", err=True)
         raise typer.Exit(INTERRUPTED) from None
-    except Exception:
-        progress.stop()
-        if progress.recorded:
-            typer.echo(_kept(progress, out), err=True)
-        raise
 
 
-def _kept(progress: "TrainingProgress", out: Path) -> str:
+def _kept(progress: "TrainingProgress", place: Path, out: Path) -> str:
     reached = [f"{label} to episode {episode}" for label, episode in progress.recorded.items()]
-    return f"{out / 'learning.csv'} holds {', '.join(reached) or 'no episode yet'}."
+    held = f"{place / 'learning.csv'} holds {', '.join(reached)}." if reached else "No episode was recorded."
+    return held if place == out else f"{held} The earlier results in {out} are as they were."
 
 
 def _report(
@@ -298,15 +326,22 @@ def _processes(jobs: int) -> int:
 
 
 @contextmanager
-def _clean_errors() -> Iterator[None]:
-    """One line instead of a traceback for whatever the user can put right."""
+def _clean_errors(*refusals: type[ValueError]) -> Iterator[None]:
+    """One line instead of a traceback for whatever the user can put right, these refusals of what was typed too.
+
+    Any ValueError is a refusal only where nothing but input is looked at: elsewhere it would be a bug of ours.
+    """
     from cpgrl_opt import MissingPackageError
 
+    from .experiments.workers import WorkerDiedError
     from .training import DivergenceError
 
+    told: tuple[type[Exception], ...] = (MissingPackageError, DivergenceError, WorkerDiedError, OSError, *refusals)
     try:
         yield
-    except (ValueError, MissingPackageError, DivergenceError, OSError) as error:
+    except MemoryError as error:
+        _refuse(f"this needs more memory than there is; fewer runs or shorter episodes need less ({error})")
+    except told as error:
         _refuse(str(error))
 
 

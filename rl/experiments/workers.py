@@ -3,8 +3,11 @@
 import multiprocessing
 import pickle
 import signal
+import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from threading import Thread
@@ -37,8 +40,10 @@ def run_tasks(
     """
     if min(processes, len(items)) <= 1:
         return [task(item, listen) for item in items]
-    crew = [_Worker(task) for _ in range(min(processes, len(items)))]
+    crew: list[_Worker] = []
     try:
+        for _ in range(min(processes, len(items))):
+            crew.append(_Worker(task))
         return _shared_out(crew, items, listen, meanwhile)
     finally:
         for worker in crew:
@@ -83,7 +88,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")  # a fork would copy locks that other threads hold
         self.connection, far_end = context.Pipe()
         self.process: BaseProcess = context.Process(target=_serve, args=(task, far_end), daemon=True)
-        self.process.start()
+        with _interrupts_blocked():
+            self.process.start()
         far_end.close()
         self.position, self.busy = -1, False
 
@@ -106,6 +112,23 @@ class _Worker:
         self.process.terminate()
         self.process.join()
         self.connection.close()
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Ctrl-C waits till the end here, and for ever in a process started meanwhile: it inherits the mask.
+
+    So a worker that is still importing does not print a traceback. Windows has no such mask.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    resource_tracker.ensure_running()  # at the first start it would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve(task: "Task[Any, Any]", connection: Connection) -> None:

@@ -11,11 +11,13 @@ from importlib.metadata import version
 import pytest
 from typer.testing import CliRunner
 
-from cpgrl_opt import FORMULATIONS, SOLVERS
+from cpgrl_opt import FORMULATIONS, SOLVERS, MissingPackageError
+from rl import DivergenceError
 from rl.cli import app
 from rl.experiments.three_state import METHODS
 from rl.experiments.three_state_comparison_results import FILES as COMPARISON
 from rl.experiments.three_state_reproduction import FILES
+from rl.experiments.workers import WorkerDiedError
 
 TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
 
@@ -92,7 +94,15 @@ def test_a_wrong_name_is_answered_with_the_right_ones(arguments, names, tmp_path
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [("--runs", 0), ("--episodes", 0), ("--steps", -1), ("--record-every", 0), ("--seed", -1), ("--jobs", -1)],
+    [
+        ("--runs", 0),
+        ("--runs", 10**12),
+        ("--episodes", 0),
+        ("--steps", -1),
+        ("--record-every", 0),
+        ("--seed", -1),
+        ("--jobs", -1),
+    ],
 )
 def test_a_bad_number_is_answered_with_what_it_should_be(option, value, tmp_path):
     result = cpgrl("reproduce", "three-state", option, value, "--out", tmp_path / "out")
@@ -133,16 +143,58 @@ def test_a_crash_leaves_what_was_recorded_and_says_so(tmp_path, monkeypatch):
     assert (tmp_path / "learning.csv").read_text(encoding="utf-8").count("\n") == 1 + 3 * 2 * 3
 
 
+FAILURES = [
+    WorkerDiedError("a worker process should answer"),
+    DivergenceError("θ[0] should be finite"),
+    MissingPackageError("daqp", "daqp", "solvers"),
+    OSError("no space left"),
+    MemoryError("8 TiB"),
+]
+
+
+@pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
+def test_what_is_no_bug_of_ours_is_one_line(tmp_path, monkeypatch, failure):
+    def fail(*_, **__):
+        raise failure
+
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.train_three_state", fail)
+    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
+    assert result.exit_code == 2
+    assert str(failure) in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_value_error_within_training_or_drawing_is_a_bug_and_keeps_its_traceback(tmp_path, monkeypatch):
+    def broken(*_):
+        raise ValueError("operands could not be broadcast")
+
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", broken)
+    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
+    assert isinstance(result.exception, ValueError)
+
+
+def test_ctrl_c_while_a_command_imports_is_one_line(monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rl.experiments.solver_cases.cases", interrupt)
+    result = cpgrl("solvers")
+    assert (result.exit_code, result.stderr) == (130, "Interrupted.\n")
+
+
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
-    (tmp_path / "claims.json").write_text("of an earlier run", encoding="utf-8")
+    earlier = jobs == "2"
+    out, place = tmp_path, tmp_path / "unfinished" if earlier else tmp_path
+    if earlier:
+        (out / "claims.json").write_text("of an earlier run", encoding="utf-8")
     command = [sys.executable, "-m", "rl.cli", "reproduce", "three-state", "--runs", "2", "--episodes", "100000000"]
     process = subprocess.Popen(
         [*command, "--record-every", "10", "--jobs", jobs, "--out", str(tmp_path)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    path = tmp_path / "learning.csv"
+    path = place / "learning.csv"
     until = time.monotonic() + 300
     while time.monotonic() < until and process.poll() is None:
         if path.exists() and path.read_text(encoding="utf-8").count("\n") > 20:
@@ -158,4 +210,8 @@ def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
     found = [(METHODS.index(method), int(run), int(episode)) for method, run, episode in keys]
     assert len(found) >= 20
     assert found == sorted(found)
-    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv"}
+    assert {path.name for path in place.iterdir()} == {"learning.csv"}
+    assert str(path) in errors
+    if earlier:
+        assert "earlier results" in errors
+        assert (out / "claims.json").read_text(encoding="utf-8") == "of an earlier run"

@@ -3,6 +3,7 @@
 import multiprocessing
 import operator
 import os
+import signal
 import threading
 
 import pytest
@@ -18,6 +19,13 @@ class Fatal:
 
     def __reduce__(self):
         return os._exit, (7,)
+
+
+class SignalsBlocked:
+    """Those of the process that unpickles it, where it becomes their set."""
+
+    def __reduce__(self):
+        return signal.pthread_sigmask, (signal.SIG_BLOCK, ())
 
 
 @pytest.fixture(autouse=True)
@@ -60,6 +68,13 @@ def test_an_interrupt_of_the_listener_ends_the_workers():
     endless = ThreeStateSettings(runs=1, episodes=10**9, steps=5, record_every=1)
     with pytest.raises(KeyboardInterrupt):
         run_tasks(train_method, [(endless, "sum"), (endless, "conb")], interrupt, processes=2)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no mask of signals")
+def test_ctrl_c_does_not_reach_a_worker_that_is_still_starting():
+    blocked = run_tasks("{0}".format, [SignalsBlocked(), SignalsBlocked()], print, processes=2)
+    assert all("SIGINT" in names for names in blocked), blocked
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def test_preparation_runs_once_beside_the_workers():
