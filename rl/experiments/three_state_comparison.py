@@ -44,7 +44,7 @@ class ComparisonSettings:
     solvers: Sequence[str] | None = None
     formulations: Sequence[str] = tuple(FORMULATIONS)
     slow_episodes: int = 500
-    tolerance: float = 0.01
+    tolerance: float = 0.02
 
     def __post_init__(self) -> None:
         require_count("slow_episodes", self.slow_episodes)

@@ -1,0 +1,111 @@
+"""Compiled kernels against `step`: the same rewards, the same distribution."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from envs.interface import ContinuousKernels, FiniteKernel, random_state
+
+from .contract import require
+
+_EPISODES = 200  # of each side
+_STEPS = 20  # of an episode at most: enough to see how one moves
+
+
+def check_finite_kernel(kernel: FiniteKernel, transitions: Sequence[Any], z: float) -> None:
+    """Rewards of each visited (s, a) exactly; how often s′ follows within z standard errors of its probability."""
+    probabilities = np.diff(kernel.transition_cumulative, axis=2, prepend=0.0)
+    counts = np.zeros(probabilities.shape)
+    require(
+        int(transitions[0].observation) == kernel.start,
+        f"reset should lead to the kernel's start state {kernel.start}",
+        transitions[0].observation,
+    )
+    for each in transitions:
+        s, a = int(each.observation), int(each.action)
+        counts[s, a, int(each.following)] += 1
+        wanted = kernel.rewards[:, s, a]
+        in_order = np.allclose(np.sort(wanted), np.sort(each.reward), rtol=1e-6, atol=1e-9)
+        require(
+            wanted.shape == each.reward.shape and np.allclose(wanted, each.reward, rtol=1e-6, atol=1e-9),
+            f"the reward in state {s} for action {a} should be the kernel's, {wanted}",
+            f"{each.reward}{': the same numbers in another order of channels' if in_order else ''}",
+        )
+    visits = counts.sum(axis=2, keepdims=True)
+    error = np.abs(counts - visits * probabilities)
+    # 1 for what is rare: the count of an event of small probability is no Gaussian.
+    allowed = z * np.sqrt(np.maximum(visits * probabilities * (1 - probabilities), 1.0)) * (visits > 0)
+    impossible = (probabilities == 0) & (counts > 0)
+    worst = np.unravel_index(np.argmax(np.where(impossible, np.inf, error - allowed)), counts.shape)
+    s, a, following = (int(index) for index in worst)
+    require(
+        not impossible.any() and (error <= allowed).all(),
+        f"from state {s} action {a} should lead to {following} with the kernel's probability "
+        f"{probabilities[worst]:.3f}, {visits[s, a, 0] * probabilities[worst]:.0f} of {visits[s, a, 0]:.0f} times",
+        f"{counts[worst]:.0f} times by step",
+    )
+
+
+def check_continuous_kernels(kernels: ContinuousKernels, env: Any, seed: int, z: float) -> None:
+    """Means and mean squares of start, way, rewards, length and event, over episodes of random actions."""
+    names = [
+        *(f"start[{i}]" for i in range(kernels.state_size)),
+        *(f"way from start to last state[{i}]" for i in range(kernels.state_size)),
+        *(f"sum of reward channel {i}" for i in range(kernels.reward_channels)),
+        "number of steps",
+        *(f"share of episodes that end with {event}" for event in kernels.events),
+    ]
+    sources = np.random.SeedSequence(seed).spawn(2)
+    by_kernel = np.array(list(_kernel_episodes(kernels, sources[0])))
+    by_step = np.array(list(_step_episodes(kernels, env, sources[1])))
+    for power, what in ((1, "mean"), (2, "mean square")):
+        means = [(sample**power).mean(axis=0) for sample in (by_kernel, by_step)]
+        errors = np.sqrt(sum((sample**power).var(axis=0, ddof=1) / _EPISODES for sample in (by_kernel, by_step)))
+        gap = np.abs(means[0] - means[1])
+        # A share of 0 or 1 has no spread in a sample: one episode in _EPISODES is nothing to go by.
+        allowed = z * np.maximum(errors, 1e-9 * (1 + np.abs(means[0])))
+        allowed[len(names) - len(kernels.events) :] += 2 / _EPISODES
+        worst = int(np.argmax(gap - allowed))
+        require(
+            (gap <= allowed).all(),
+            f"the {what} of the {names[worst]} should be the same by kernels and by step, to {allowed[worst]:.3g}",
+            f"{means[0][worst]:.6g} and {means[1][worst]:.6g}",
+        )
+
+
+def _kernel_episodes(kernels: ContinuousKernels, source: np.random.SeedSequence) -> Iterator[np.ndarray]:
+    state, reward = np.zeros(kernels.state_size), np.zeros(kernels.reward_channels)
+    own, actions = source.spawn(2)
+    stream, rng = random_state(own), np.random.default_rng(actions)
+    for _ in range(_EPISODES):
+        kernels.reset(kernels.constants, stream, state)
+        start, total, event, steps = state.copy(), np.zeros(kernels.reward_channels), 0, 0
+        while event == 0 and steps < min(_STEPS, kernels.max_steps):
+            event = kernels.step(kernels.constants, state, rng.standard_normal(kernels.action_size), stream, reward)
+            total += reward
+            steps += 1
+        yield _described(kernels, start, state, total, steps, event)
+
+
+def _step_episodes(kernels: ContinuousKernels, env: Any, source: np.random.SeedSequence) -> Iterator[np.ndarray]:
+    rng = np.random.default_rng(source)
+    for _ in range(_EPISODES):
+        start, _ = env.reset(seed=int(rng.integers(2**31)))
+        state, total, event, steps = start, np.zeros(kernels.reward_channels), 0, 0
+        while event == 0 and steps < min(_STEPS, kernels.max_steps):
+            action = rng.standard_normal(kernels.action_size)
+            state, reward, terminated, truncated, info = env.step(action)
+            total += reward
+            steps += 1
+            event = int(info.get("event", 1)) if terminated else 0
+            if truncated:
+                break
+        yield _described(kernels, start, state, total, steps, event)
+
+
+def _described(
+    kernels: ContinuousKernels, start: np.ndarray, state: np.ndarray, total: np.ndarray, steps: int, event: int
+) -> np.ndarray:
+    ends = np.arange(1, len(kernels.events) + 1) == event
+    return np.concatenate([np.ravel(start), np.ravel(state) - np.ravel(start), total, [steps], ends.astype(float)])
