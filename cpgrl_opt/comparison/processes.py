@@ -46,6 +46,8 @@ class WorkerProcess:
         if isinstance(started, Refused):
             raise OrderRefused(started.message)
         if not isinstance(started, Started):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(1.0)
             self._discard()
             raise RuntimeError(
                 f"a worker should start on {order.family} for {order.solver}; found it gone "

@@ -11,6 +11,7 @@ import pickle
 import signal
 import sys
 import tempfile
+import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -90,8 +91,9 @@ def serve() -> None:
             try:
                 for reply in bench.carry_out(order, noise):
                     send(noise.channel, reply)
-            except ValueError as error:
-                send(noise.channel, Refused(str(error)))
+            except Exception as error:  # the parent raises it; what a contestant raises does not come here
+                told = "".join(traceback.format_exception(error))
+                send(noise.channel, Refused(str(error) if isinstance(error, ValueError) else told))
 
 
 class Bench:

@@ -1,5 +1,6 @@
 """What numba's disk cache does not see: a change in a file other than the entry point's."""
 
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -11,5 +12,6 @@ def forget_outdated_kernels(folder: Path) -> None:
     """
     newest = max(source.stat().st_mtime_ns for source in folder.glob("*.py"))
     for cached in (folder / "__pycache__").glob("*.nbi"):
-        if cached.stat().st_mtime_ns < newest:
-            cached.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # another process that starts now was faster
+            if cached.stat().st_mtime_ns < newest:
+                cached.unlink()
