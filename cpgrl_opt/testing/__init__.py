@@ -31,6 +31,7 @@ from .conduct import (
     check_silence,
 )
 from .families import FAMILIES, Family, hostile_problems, well_posed_problems
+from .geometries import problems_in_geometry, problems_out_of_reach
 from .honesty import (
     check_claims_are_certified,
     check_feasible_is_not_called_infeasible,
@@ -107,6 +108,8 @@ __all__ = [
     "hostile_problems",
     "infeasible_problems",
     "parametrize_with_checks",
+    "problems_in_geometry",
+    "problems_out_of_reach",
     "supported_cases",
     "well_posed_problems",
 ]

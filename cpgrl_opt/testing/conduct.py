@@ -22,9 +22,10 @@ from .law import (
     checked_answer,
     described,
     law,
+    varied,
 )
 
-_ARRAYS = ("gradient", "jacobian", "bound", "equality")
+_ARRAYS = ("gradient", "jacobian", "bound", "equality", "metric")
 
 
 @law
@@ -60,7 +61,7 @@ def check_non_finite_is_refused(
 
 @law
 def check_input_is_unchanged(solver: DirectionSolver, problem: DirectionProblem) -> None:
-    """g, J, b and E are bit for bit the same after solving, even where the arrays are writable.
+    """g, J, b, E and M are bit for bit the same after solving, even where the arrays are writable.
 
     Source: the caller's next subproblem shares these arrays.
     """
@@ -68,7 +69,7 @@ def check_input_is_unchanged(solver: DirectionSolver, problem: DirectionProblem)
     answer_of(solver, given)
     for name in _ARRAYS:
         before, after = getattr(problem, name), getattr(given, name)
-        if before.tobytes() != after.tobytes():
+        if before is not None and before.tobytes() != after.tobytes():
             raise LawBroken(
                 f"solve should leave problem.{name} as it is; found {after.tolist()} where {before.tolist()} was. "
                 f"Work on a copy{described(problem)}"
@@ -115,11 +116,10 @@ def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
 
 def writable_copy(problem: DirectionProblem) -> DirectionProblem:
     """The same problem on arrays that can be written to, as a caller's own class might have them."""
-    copy = DirectionProblem(
-        problem.gradient, problem.jacobian, problem.bound, problem.equality, problem.metric, problem.radius
-    )
+    copy = varied(problem)
     for name in _ARRAYS:
-        object.__setattr__(copy, name, getattr(problem, name).copy())
+        if getattr(problem, name) is not None:
+            object.__setattr__(copy, name, getattr(problem, name).copy())
     return copy
 
 

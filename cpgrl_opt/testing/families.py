@@ -11,6 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
+from .geometries import constraints_of, problems_in_geometry, problems_out_of_reach
 from .strategies import (
     ALL_CASES,
     DEPENDENT_SHAPES,
@@ -38,12 +39,21 @@ _EXACT_ROW_SCALES = st.sampled_from((1.0, 1.0, 2.0**20, 2.0**40))
 
 @dataclass(frozen=True)
 class Family:
-    """A source of problems; `problems` maps the cases that a solver takes to a strategy."""
+    """A source of problems; `problems` maps the cases that a solver takes to a strategy.
+
+    geometry: the one that all its problems are in, None for Euclidean ones without a ball.
+    """
 
     name: str
     reason: str
     problems: Callable[[Collection[Case]], Problems]
     cases: tuple[Case, ...] = ALL_CASES
+    geometry: Case | None = None
+
+    @property
+    def weight(self) -> int:
+        """There are many Euclidean families, and of each geometry one or two."""
+        return 1 if self.geometry is None else 3
 
 
 @st.composite
@@ -137,6 +147,10 @@ def far_bounds(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> Directio
     return DirectionProblem(problem.gradient, problem.jacobian, bound, problem.equality)
 
 
+def _in_geometry(geometry: Case) -> Callable[[Collection[Case]], Problems]:
+    return lambda cases: problems_in_geometry(cases=[*cases, geometry])
+
+
 WELL_POSED = (
     Family("integer", "ties, zeros and dependence come up often", lambda cases: direction_problems(cases=cases)),
     Family(
@@ -177,6 +191,8 @@ WELL_POSED = (
     ),
     Family("no constraints", "m = 0: d = g", lambda cases: direction_problems(3, 0, cases=cases)),
     Family("feasible gradient", "nothing to do: d = g", feasible_gradients),
+    Family("in a metric", "M⁻¹ is easily forgotten, or put twice", _in_geometry(Case.METRIC), geometry=Case.METRIC),
+    Family("in a ball", "constrained policy optimization", _in_geometry(Case.RADIUS), geometry=Case.RADIUS),
 )
 
 HOSTILE = (
@@ -193,6 +209,7 @@ HOSTILE = (
     Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES),
     Family("far bounds", "a huge number that must not set the scale", far_bounds, (Case.BOUNDS, Case.MIXED)),
     Family("infeasible", "no direction exists", lambda cases: infeasible_problems(cases=cases), SHIFTED_CASES),
+    Family("out of reach", "the ball misses the constraints", problems_out_of_reach, SHIFTED_CASES, Case.RADIUS),
 )
 
 
@@ -209,8 +226,15 @@ def hostile_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
 @st.composite
 def _mixed(draw: st.DrawFn, families: Collection[Family], cases: Collection[Case]) -> DirectionProblem:
     """A problem of any of the families, often with all gradients short or long, or rows of very different lengths."""
-    applicable = [(family, [case for case in family.cases if case in cases]) for family in families]
-    problem = draw(st.one_of([family.problems(own) for family, own in applicable if own]))
+    constraints, known = constraints_of(cases), (None, *cases)
+    if not any(not case.is_geometry for case in cases):  # nothing but geometries is asked for
+        known = tuple(cases)
+    applicable = [
+        (family, [case for case in family.cases if case in constraints])
+        for family in families
+        if family.geometry in known
+    ]
+    problem = draw(st.one_of([family.problems(own) for family, own in applicable if own for _ in range(family.weight)]))
     return rescaled(problem, draw(_EXACT_SCALES), row_factors(draw, problem.m, draw(_EXACT_ROW_SCALES)))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..direction import Status
 from ..kkt import farkas_residual, kkt_residuals
-from ..problem import DirectionProblem, unit_rows
+from ..problem import DirectionProblem, euclidean, unit_rows
 from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import (
     Answer,
@@ -17,6 +17,8 @@ from .law import (
     length,
     reference_optimum,
     require_at_most,
+    varied,
+    whitened,
 )
 from .sensitivity import hoffman_constant, relative_distance
 
@@ -76,17 +78,21 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     Least: ‖Ĵᵀr‖ ≤ (1 + m) ε s, the gradient of the convex ½‖r‖², s = max(‖g‖, ‖d‖, b̂₊, |b̂| on E); so r is within
     2H(1 + m)εs of the least one. Nearest: d is within (1 + 2H)(1 + m) · `relative_distance`(ε + its ε) · s of
     `enumeration`'s projection of g onto {Ĵd ≥ b̂ − r}. `problem` should be infeasible; by a zero row: skipped.
+    In a metric all of this is measured where M = I; what a ball misses is skipped.
     Source: Hoffman's bound and strong convexity in r; Censor & Elfving 1982.
     """
+    if problem.radius is not None:
+        raise NothingClaimed(Outcome.SKIPPED)
     answer = _infeasible(solver, problem)
-    rows = unit_rows(problem.jacobian)
+    rows = unit_rows(euclidean(problem).jacobian)
     bound = rows.per_length(problem.bound)
     if (bound == np.inf).any() or (problem.equality & ~np.isfinite(bound)).any():
         raise NothingClaimed(Outcome.SKIPPED)
-    lack = bound - rows.jacobian @ answer.value
+    value = whitened(problem, answer.value)
+    lack = bound - rows.jacobian @ value
     lack = np.where(problem.equality, lack, np.maximum(lack, 0.0))
     required = np.where(problem.equality, np.abs(bound), np.maximum(bound, 0.0))
-    unit = max(length(problem.gradient), length(answer.value), float(required.max(initial=0.0)))
+    unit = max(length(euclidean(problem).gradient), length(value), float(required.max(initial=0.0)))
     require_at_most(
         length(rows.jacobian.T @ lack) / unit,
         (1 + problem.m) * tolerance_of(solver),
@@ -102,14 +108,14 @@ def _require_nearest(
     solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray, unit: float
 ) -> None:
     bound = problem.bound - lack
-    rounding = np.abs(unit_rows(problem.jacobian).per_length(bound)) <= _ROUNDING * unit
+    rounding = np.abs(unit_rows(euclidean(problem).jacobian).per_length(bound)) <= _ROUNDING * unit
     bound = np.where(rounding, 0.0, bound)  # with g = 0 and no other bound, noise would be the whole problem
-    relaxed = DirectionProblem(problem.gradient, problem.jacobian, bound, problem.equality)
+    relaxed = varied(problem, bound=bound)
     nearest, its_tolerance = reference_optimum(relaxed)
     epsilon = tolerance_of(solver) + its_tolerance + _ROUNDING
     factor = (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
     require_at_most(
-        length(answer.value - nearest.value) / unit,
+        length(whitened(problem, answer.value - nearest.value)) / unit,
         factor * relative_distance(relaxed, epsilon),
         "‖d − p(g)‖ / s, p(g) the direction nearest to g of those that violate least",
         "Of all directions that violate the constraints least, take the one nearest to the gradient.",

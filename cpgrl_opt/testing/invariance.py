@@ -1,16 +1,19 @@
 """Laws of invariance: what names, units and coordinates we choose does not move the direction.
 
-Each compares two answers, both within `distance_bound`(ε) of the same optimum, and so allows the sum of the two.
+Each compares two answers, both within `distance_bound`(ε) of the same optimum, and so allows the sum of the two; where
+a ball is slack the optimum need not be unique, and they are skipped.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..problem import DirectionProblem, unit_rows
+from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
 from ..solvers.interface import DirectionSolver, tolerance_of
-from .law import Answer, NothingClaimed, Outcome, law, length, optimum_of, require_at_most
-from .sensitivity import distance_bound
+from .law import Answer, NothingClaimed, Outcome, law, length, optimum_of, require_at_most, varied, whitened
+from .sensitivity import answers_bound
 
 
 @law
@@ -21,17 +24,22 @@ def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order:
     Source: the problem is a set of constraints.
     """
     index = np.asarray(order, dtype=np.intp)
-    other = DirectionProblem(problem.gradient, problem.jacobian[index], problem.bound[index], problem.equality[index])
+    other = varied(
+        problem, jacobian=problem.jacobian[index], bound=problem.bound[index], equality=problem.equality[index]
+    )
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
     allowed = _require_same(
         solver, (problem, other), (first, second), "The order of the rows decides: is a row skipped, or never re-added?"
     )
-    rows = unit_rows(other.jacobian)
+    rows = unit_rows(euclidean(other).jacobian)
     smallest = np.linalg.svd(rows.jacobian, compute_uv=False).min(initial=1.0)
     if problem.m > problem.n or smallest <= RANK_TOLERANCE or (problem.bound == -np.inf).any():
         return
+    if problem.radius is not None:  # forces have a unit of their own there
+        return
     difference = rows.times_length(first.multipliers[index] - second.multipliers)
-    sigma = max(length(problem.gradient), length(first.value), length(second.value))
+    values = (whitened(problem, answer.value) for answer in (first, second))
+    sigma = max(length(euclidean(problem).gradient), *(length(value) for value in values))
     require_at_most(
         length(difference),
         (allowed + 2 * tolerance_of(solver) * sigma) / float(smallest),
@@ -50,7 +58,7 @@ def check_row_scaling(solver: DirectionSolver, problem: DirectionProblem, factor
     Source: {d : cᵢJᵢd ≥ cᵢbᵢ} is the same set.
     """
     c = np.asarray(factors, dtype=np.float64)
-    other = DirectionProblem(problem.gradient, c[:, None] * problem.jacobian, c * problem.bound, problem.equality)
+    other = varied(problem, jacobian=c[:, None] * problem.jacobian, bound=c * problem.bound)
     _require_same(
         solver,
         (problem, other),
@@ -65,9 +73,10 @@ def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: fl
 
     Source: d ∈ {J d ≥ b} ⇔ c d ∈ {J d ≥ c b}. A problem with a trust region scales its radius too.
     """
-    other = DirectionProblem(factor * problem.gradient, problem.jacobian, factor * problem.bound, problem.equality)
+    radius = None if problem.radius is None else factor * problem.radius
+    other = varied(problem, gradient=factor * problem.gradient, bound=factor * problem.bound, radius=radius)
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
-    scaled_back = Answer(second.value / factor, second.multipliers / factor, second.status)
+    scaled_back = replace(second, value=second.value / factor, multipliers=second.multipliers / factor)
     _require_same(
         solver,
         (problem, problem),
@@ -83,7 +92,9 @@ def check_duplicate_row(solver: DirectionSolver, problem: DirectionProblem, row:
     Source: the set is the same; the multipliers are not unique any more.
     """
     twice = np.append(np.arange(problem.m), row)
-    other = DirectionProblem(problem.gradient, problem.jacobian[twice], problem.bound[twice], problem.equality[twice])
+    other = varied(
+        problem, jacobian=problem.jacobian[twice], bound=problem.bound[twice], equality=problem.equality[twice]
+    )
     _require_same(
         solver,
         (problem, other),
@@ -101,16 +112,17 @@ def check_inactive_row(solver: DirectionSolver, problem: DirectionProblem, row: 
     """
     first = optimum_of(solver, problem)
     a = np.asarray(row, dtype=np.float64)
-    along, size = float(a @ first.value), length(a) * max(length(first.value), length(problem.gradient))
+    sizes = [length(first.value)] + ([length(problem.gradient)] if problem.radius is None else [])
+    along, size = float(a @ first.value), length(a) * max(sizes)
     shifted = bool((problem.bound[~problem.equality] != 0).any())
     if not shifted and not abs(along) > 1e-3 * size:
         raise NothingClaimed(Outcome.SKIPPED)
     new_row, new_bound = (a, along - margin * size) if shifted else (np.copysign(1.0, along) * a, 0.0)
-    other = DirectionProblem(
-        problem.gradient,
-        np.vstack([problem.jacobian, new_row]),
-        np.append(problem.bound, new_bound),
-        np.append(problem.equality, False),
+    other = varied(
+        problem,
+        jacobian=np.vstack([problem.jacobian, new_row]),
+        bound=np.append(problem.bound, new_bound),
+        equality=np.append(problem.equality, False),
     )
     _require_same(
         solver,
@@ -122,17 +134,21 @@ def check_inactive_row(solver: DirectionSolver, problem: DirectionProblem, row: 
 
 @law
 def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation: ArrayLike) -> None:
-    """Parameters in rotated coordinates: d(Qg, JQᵀ) = Q d(g, J), within 2 · `distance_bound`(ε). rotation Q: (n, n).
+    """Parameters in rotated coordinates: d(Qg, JQᵀ, QMQᵀ) = Q d(g, J, M), within 2 · `distance_bound`(ε).
 
-    Source: the Euclidean projection commutes with isometries.
+    rotation Q: (n, n). Source: the Euclidean projection commutes with isometries.
     """
     Q = np.asarray(rotation, dtype=np.float64)
-    other = DirectionProblem(Q @ problem.gradient, problem.jacobian @ Q.T, problem.bound, problem.equality)
+    M = problem.metric
+    if M is not None:
+        M = Q @ (np.diag(M) if M.ndim == 1 else M) @ Q.T
+        M = 0.5 * (M + M.T)
+    other = varied(problem, gradient=Q @ problem.gradient, jacobian=problem.jacobian @ Q.T, metric=M)
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
-    turned_back = Answer(Q.T @ second.value, second.multipliers, second.status)
+    turned_back = replace(second, value=Q.T @ second.value)
     _require_same(
         solver,
-        (problem, other),
+        (problem, problem),
         (first, turned_back),
         "The coordinates decide: is the metric not the Euclidean one, or clipping done by component?",
     )
@@ -146,9 +162,9 @@ def _require_same(
 ) -> float:
     """LawBroken unless the two directions agree; what was allowed."""
     (first, second), epsilon = answers, tolerance_of(solver)
-    allowed = sum(distance_bound(problem, epsilon, first.value, second.value) for problem in problems)
+    allowed = sum(answers_bound(problem, epsilon, first, second) for problem in problems)
     require_at_most(
-        length(first.value - second.value),
+        length(whitened(problems[0], first.value - second.value)),
         allowed,
         "‖d − d'‖ of two forms of one problem",
         advice,

@@ -131,6 +131,17 @@ def length(vector: np.ndarray) -> float:
     return float(lengths(vector)) if np.isfinite(vector).all() else float("inf")
 
 
+def varied(problem: DirectionProblem, **changes: Any) -> DirectionProblem:
+    """The problem with other arrays for some of its own; metric and radius stay unless they are named."""
+    names = ("gradient", "jacobian", "bound", "equality", "metric", "radius")
+    return DirectionProblem(**{name: changes.get(name, getattr(problem, name)) for name in names})
+
+
+def whitened(problem: DirectionProblem, direction: np.ndarray) -> np.ndarray:
+    """Lᵀd, whose length is √(dᵀMd): d itself where there is no metric."""
+    return direction if problem.whitening is None else problem.whitening.direction(direction)
+
+
 def described(problem: DirectionProblem, *answers: Answer) -> str:
     """The numbers below a message: the problem, then each answer."""
     lines = [
@@ -139,11 +150,15 @@ def described(problem: DirectionProblem, *answers: Answer) -> str:
         f"    bound       {_numbers(problem.bound)}",
         f"    equality    {problem.equality.tolist()}",
     ]
-    lines += [f"    metric      {_numbers(problem.metric)}"] if problem.metric is not None else []
-    lines += [f"    radius      {problem.radius}"] if problem.radius is not None else []
+    if problem.metric is not None:
+        lines.append(f"    metric      {_numbers(problem.metric)}")
+    if problem.radius is not None:
+        lines.append(f"    radius      {problem.radius!r}")
     for answer in answers:
         lines.append(f"    value       {_numbers(answer.value)}  {answer.status.name}")
         lines.append(f"    multipliers {_numbers(answer.multipliers)}")
+        if problem.radius is not None:
+            lines.append(f"    κ           {answer.radius_multiplier!r}")
     return "\n" + "\n".join(lines)
 
 

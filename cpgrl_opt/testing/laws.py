@@ -14,9 +14,11 @@ from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, supports
 from . import conduct, honesty, invariance, optimality, projection_laws, sequences
 from .families import feasible_gradients, hostile_problems, well_posed_problems
-from .law import Outcome
+from .geometries import constraints_of, in_some_metric, problems_in_geometry, problems_out_of_reach
+from .law import Outcome, varied
 from .strategies import (
     ALL_CASES,
+    GEOMETRIES,
     SHAPES,
     SHIFTED_CASES,
     Case,
@@ -28,7 +30,9 @@ from .strategies import (
 )
 
 Arguments = st.SearchStrategy[dict[str, Any]]
-_WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED)
+_ANY = tuple(Case)
+_WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED, *GEOMETRIES)
+_PROJECTIONS = (*ALL_CASES, Case.METRIC)
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class Law:
 
     check: Callable[..., Outcome]
     arguments: Callable[[Collection[Case]], Arguments]
-    cases: tuple[Case, ...] = ALL_CASES
+    cases: tuple[Case, ...] = _ANY
     needs: Callable[[DirectionSolver], bool] | None = None
     may_decline: bool = False
 
@@ -59,12 +63,22 @@ class Law:
         """The law's cases that the solver takes; none if it lacks what the law is about."""
         if self.needs is not None and not self.needs(solver):
             return []
-        return [case for case in supported_cases(solver) if case in self.cases]
+        cases = [case for case in supported_cases(solver) if case in self.cases]
+        return cases if any(not case.is_geometry for case in cases) else []
 
 
 def supported_cases(solver: DirectionSolver) -> list[Case]:
-    """The cases for which the solver's `supports` takes a small example; all if it has none."""
-    return [case for case in Case if supports(solver, _example(case))]
+    """The cases for which the solver's `supports` takes a small example, the five of constraints if it has none.
+
+    A geometry where it takes an example of any constraints that it takes.
+    """
+    constraints = [case for case in ALL_CASES if supports(solver, _example(case))]
+    geometries: dict[Case, dict[str, Any]] = {Case.METRIC: {"metric": [1.0, 2.0, 3.0]}, Case.RADIUS: {"radius": 2.0}}
+    return constraints + [
+        case
+        for case, settings in geometries.items()
+        if any(supports(solver, varied(_example(each), **settings)) for each in constraints)
+    ]
 
 
 def _example(case: Case) -> DirectionProblem:
@@ -78,7 +92,7 @@ def _well_posed(cases: Collection[Case]) -> Arguments:
 
 
 def _feasible_gradients(cases: Collection[Case]) -> Arguments:
-    return st.fixed_dictionaries({"problem": feasible_gradients(cases)})
+    return st.fixed_dictionaries({"problem": feasible_gradients(constraints_of(cases))})
 
 
 def _hostile(cases: Collection[Case]) -> Arguments:
@@ -86,7 +100,12 @@ def _hostile(cases: Collection[Case]) -> Arguments:
 
 
 def _infeasible(cases: Collection[Case]) -> Arguments:
-    return st.fixed_dictionaries({"problem": infeasible_problems(cases=cases)})
+    problems = infeasible_problems(cases=constraints_of(cases))
+    if Case.METRIC in cases:
+        problems = st.one_of(problems, problems, in_some_metric(problems))
+    if Case.RADIUS in cases:
+        problems = st.one_of(problems, problems, problems_out_of_reach(cases))
+    return st.fixed_dictionaries({"problem": problems})
 
 
 def _two_problems(cases: Collection[Case]) -> Arguments:
@@ -140,7 +159,7 @@ def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 
 @st.composite
 def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(direction_problems(*draw(st.sampled_from(SHAPES)), cases=cases))
+    problem = draw(direction_problems(*draw(st.sampled_from(SHAPES)), cases=constraints_of(cases)))
     where = draw(st.sampled_from(("gradient", "jacobian", "bound")))
     values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
     return {"problem": problem, "where": where, "value": draw(st.sampled_from(values))}
@@ -149,7 +168,11 @@ def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]
 @st.composite
 def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     n, m = draw(st.sampled_from(SHAPES))
-    problem = direction_problems(n, m, cases=cases)
+    problem = direction_problems(n, m, cases=constraints_of(cases))
+    kinds: list[Case | None] = [None, None, None, *(case for case in cases if case.is_geometry)]
+    kind = draw(st.sampled_from(kinds))  # of one batch, all have a radius or none
+    if kind is not None:
+        problem = problems_in_geometry(n, m, cases=[*constraints_of(cases), kind])
     return {"problems": draw(st.lists(problem, min_size=1, max_size=4))}
 
 
@@ -159,12 +182,12 @@ _TABLE = (
     Law(optimality.check_primal_feasibility, _well_posed),
     Law(optimality.check_dual_feasibility, _well_posed, _WITH_INEQUALITIES),
     Law(optimality.check_complementarity, _well_posed, _WITH_INEQUALITIES),
-    Law(optimality.check_gradient_kept_when_feasible, _feasible_gradients),
+    Law(optimality.check_gradient_kept_when_feasible, _feasible_gradients, ALL_CASES),
     Law(optimality.check_zero_only_when_optimal, _well_posed),
     Law(optimality.check_agreement_with_enumeration, _well_posed),
-    Law(projection_laws.check_idempotence, _well_posed),
-    Law(projection_laws.check_non_expansiveness, _with_gradient),
-    Law(projection_laws.check_firm_non_expansiveness, _with_gradient),
+    Law(projection_laws.check_idempotence, _well_posed, _PROJECTIONS),
+    Law(projection_laws.check_non_expansiveness, _with_gradient, _PROJECTIONS),
+    Law(projection_laws.check_firm_non_expansiveness, _with_gradient, _PROJECTIONS),
     Law(invariance.check_permutation, _with_order),
     Law(invariance.check_row_scaling, _with_factors),
     Law(invariance.check_scaling, _with_factor),
@@ -172,8 +195,8 @@ _TABLE = (
     Law(invariance.check_inactive_row, _with_row, _WITH_INEQUALITIES),
     Law(invariance.check_rotation, _with_rotation),
     Law(honesty.check_feasible_is_not_called_infeasible, _well_posed),
-    Law(honesty.check_infeasible_is_called_infeasible, _infeasible, SHIFTED_CASES),
-    Law(honesty.check_least_violation, _infeasible, SHIFTED_CASES),
+    Law(honesty.check_infeasible_is_called_infeasible, _infeasible, (*SHIFTED_CASES, *GEOMETRIES)),
+    Law(honesty.check_least_violation, _infeasible, (*SHIFTED_CASES, Case.METRIC)),
     Law(conduct.check_non_finite_is_refused, _with_bad_number),
     Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
     Law(conduct.check_answers_repeat, _two_problems, may_decline=True),

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..kkt import kkt_residuals
-from ..problem import DirectionProblem, unit_rows
+from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
 from ..solvers.interface import DirectionSolver, tolerance_of
-from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most
-from .sensitivity import distance_bound, hoffman_constant
+from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most, whitened
+from .sensitivity import answers_bound, distance_bound, hoffman_constant
 
 
 @law
@@ -84,6 +84,8 @@ def check_gradient_kept_when_feasible(solver: DirectionSolver, problem: Directio
     slack = problem.jacobian @ problem.gradient - problem.bound
     if not np.where(problem.equality, slack == 0, slack >= 0).all():
         raise NothingClaimed(Outcome.SKIPPED)
+    if problem.metric is not None or problem.radius is not None:
+        raise NothingClaimed(Outcome.SKIPPED)
     answer = optimum_of(solver, problem)
     require_at_most(
         length(answer.value - problem.gradient),
@@ -107,7 +109,7 @@ def check_zero_only_when_optimal(solver: DirectionSolver, problem: DirectionProb
         return
     epsilon = tolerance_of(solver)
     advice = "Zero is an answer only where no feasible direction climbs; failures have a Status of their own."
-    with_zeros = SimpleNamespace(value=answer.value, multipliers=np.zeros(problem.m))
+    with_zeros = SimpleNamespace(value=answer.value, multipliers=np.zeros(problem.m), radius_multiplier=0.0)
     require_at_most(kkt_residuals(problem, with_zeros).primal, epsilon, "primal of d = 0", advice, problem, answer)
     allowed = (1 + problem.m) * (epsilon + 16 * max(problem.m, 1) * hoffman_constant(problem) * 2.0**-52)
     require_at_most(
@@ -125,8 +127,8 @@ def check_agreement_with_enumeration(solver: DirectionSolver, problem: Direction
     answer = optimum_of(solver, problem)
     expected, its_tolerance = reference_optimum(problem)
     require_at_most(
-        length(answer.value - expected.value),
-        distance_bound(problem, tolerance_of(solver) + its_tolerance, answer.value, expected.value),
+        length(whitened(problem, answer.value - expected.value)),
+        answers_bound(problem, tolerance_of(solver) + its_tolerance, answer, expected),
         "‖d − d*‖, d* by enumeration",
         "Both claim OPTIMAL and the optimum is unique: compare the active sets (μ > 0) of the two answers.",
         problem,
@@ -136,21 +138,22 @@ def check_agreement_with_enumeration(solver: DirectionSolver, problem: Direction
 
 
 def _distance_from_polar(problem: DirectionProblem, epsilon: float) -> float:
-    """min ‖g + Ĵᵀμ‖ / ‖g‖ over μ ≥ 0 on I, μᵢ = 0 where b̂ᵢ < −ε‖g‖: the best of all sets of rows.
+    """min ‖g + Ĵᵀμ‖ / ‖g‖ over μ ≥ 0 on I, μᵢ = 0 where b̂ᵢ < −ε‖g‖ (−ε·radius in a ball): the best of all sets of rows.
 
     By enumeration: scipy's nnls reports a residual of 0 for some rows that depend on others (scipy issue 25389).
     """
-    size = length(problem.gradient)
+    gradient, unit = euclidean(problem).gradient, problem.radius
+    size = length(gradient)
     if size == 0.0:
         return 0.0
-    rows = unit_rows(problem.jacobian)
-    is_tight = (rows.per_length(problem.bound) >= -epsilon * size) & ~problem.equality
+    rows = unit_rows(euclidean(problem).jacobian)
+    is_tight = (rows.per_length(problem.bound) >= -epsilon * (unit or size)) & ~problem.equality
     equal = rows.jacobian[problem.equality]
     nearest = np.inf
     for count in range(min(int(is_tight.sum()), problem.n) + 1):
         for chosen in combinations(np.flatnonzero(is_tight), count):
             generators = np.vstack([rows.jacobian[list(chosen)], equal])
-            weights = np.linalg.pinv(generators.T, rcond=RANK_TOLERANCE) @ (-problem.gradient / size)
+            weights = np.linalg.pinv(generators.T, rcond=RANK_TOLERANCE) @ (-gradient / size)
             if (weights[:count] >= 0).all():
-                nearest = min(nearest, length(problem.gradient / size + weights @ generators))
+                nearest = min(nearest, length(gradient / size + weights @ generators))
     return nearest

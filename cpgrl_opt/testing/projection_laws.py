@@ -1,24 +1,29 @@
-"""Laws of a metric projection p(g), the nearest point of a closed convex set: idempotent and firmly non-expansive."""
+"""Laws of a metric projection p(g), the nearest point of a closed convex set: idempotent and firmly non-expansive.
+
+In a metric M the projection is that of M⁻¹g, directions are measured by ‖d‖_M and gradients by ‖g‖_M⁻¹. A problem with
+a radius is no projection, and none of these laws is about it.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Vector
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, tolerance_of
-from .law import Answer, law, length, optimum_of, require_at_most
+from .law import Answer, law, length, optimum_of, require_at_most, varied, whitened
 from .sensitivity import distance_bound
 
 
 @law
 def check_idempotence(solver: DirectionSolver, problem: DirectionProblem) -> None:
-    """p(p(g)) = p(g), within 2 · `distance_bound`(ε): d misses the set by at most √m H ε σ.
+    """p(Mp(g)) = p(g), within 2 · `distance_bound`(ε): d misses the set by at most √m H ε σ.
 
     Source: Bauschke & Combettes, Convex Analysis and Monotone Operator Theory, §4.1.
     """
     first = optimum_of(solver, problem)
-    again = optimum_of(solver, with_gradient(problem, first.value))
+    again = optimum_of(solver, with_gradient(problem, _as_gradient(problem, first.value)))
     require_at_most(
-        length(again.value - first.value),
+        length(whitened(problem, again.value - first.value)),
         2 * distance_bound(problem, tolerance_of(solver), first.value, again.value),
         "‖p(p(g)) − p(g)‖",
         "Projecting a direction that meets the constraints should leave it: is it rescaled, or a ridge in the way?",
@@ -35,9 +40,9 @@ def check_non_expansiveness(solver: DirectionSolver, problem: DirectionProblem, 
     Source: Bauschke & Combettes, Proposition 4.16.
     """
     first, second, delta = _two_projections(solver, problem, other)
-    apart = length(problem.gradient - np.asarray(other))
+    apart = length(_gradient_difference(problem, other))
     require_at_most(
-        length(first.value - second.value),
+        length(whitened(problem, first.value - second.value)),
         apart * (1 + 1e-14) + 2 * delta,
         f"‖p(g) − p(h)‖ with h = {np.asarray(other).tolist()}",
         "Two directions are farther apart than their gradients: one of them is not the nearest point.",
@@ -55,7 +60,7 @@ def check_firm_non_expansiveness(solver: DirectionSolver, problem: DirectionProb
     Source: Zarantonello 1971; Bauschke & Combettes, Proposition 4.16.
     """
     first, second, delta = _two_projections(solver, problem, other)
-    D, G = first.value - second.value, problem.gradient - np.asarray(other)
+    D, G = whitened(problem, first.value - second.value), _gradient_difference(problem, other)
     unit = max(length(D), length(G))
     if unit == 0.0:
         return
@@ -73,7 +78,21 @@ def check_firm_non_expansiveness(solver: DirectionSolver, problem: DirectionProb
 
 def with_gradient(problem: DirectionProblem, gradient: ArrayLike) -> DirectionProblem:
     """The same constraints around another gradient."""
-    return DirectionProblem(gradient, problem.jacobian, problem.bound, problem.equality)
+    return varied(problem, gradient=gradient)
+
+
+def _as_gradient(problem: DirectionProblem, direction: Vector) -> Vector:
+    """Md, the gradient whose projection without constraints is d."""
+    M = problem.metric
+    if M is None:
+        return direction
+    return np.asarray(M * direction if M.ndim == 1 else M @ direction)
+
+
+def _gradient_difference(problem: DirectionProblem, other: ArrayLike) -> Vector:
+    """g − h where M = I."""
+    difference = problem.gradient - np.asarray(other, dtype=np.float64)
+    return difference if problem.whitening is None else problem.whitening.gradient(difference)
 
 
 def _two_projections(

@@ -9,7 +9,13 @@ d = g + Ĵ_S⁺(b̂_S − Ĵ_S g), Lipschitz in b̂ with the constant H, so
 
     ‖d − d*‖ ≤ (1 + 2m + √m H) ε′ σ,      ε′ = ε + 16 m H eps
 
-with the referee's allowance for large multipliers, and the rounding of the data, in ε′.
+with the referee's allowance for large multipliers, and the rounding of the data, in ε′. In a metric all of this is so
+where M = I.
+
+In a ball d solves that problem for the gradient g/κ, so with σ = max(‖g‖/κ, ‖d‖) it is within δ of P_C(g/κ), the point
+of the path t ↦ P_C(tg) at t = 1/κ, whose length differs from the radius by δ + ε·radius =: η. Of two points of the path
+‖x(t₂) − x(t₁)‖² ≤ ‖x(t₂)‖² − ‖x(t₁)‖², t₁ ≤ t₂, so ‖d − d*‖ ≤ δ + √((2·radius + η)η): a coarse bound, but one that
+holds however nearly the ball misses the constraints. For κ = 0 there is none, for the optimum need not be unique.
 Source: Hoffman 1952, On approximate solutions of systems of linear inequalities; Mangasarian & Shiau 1987.
 """
 
@@ -17,9 +23,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ..problem import DirectionProblem, unit_rows
+from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
-from .law import length
+from .law import Answer, NothingClaimed, Outcome, length, whitened
 
 _EPS = float(np.finfo(np.float64).eps)
 MOST_ROWS = 12  # 2¹² sets of rows
@@ -29,7 +35,7 @@ def hoffman_constant(problem: DirectionProblem) -> float:
     """H of the rows that are switched on; 1 where there are none. ValueError beyond 12 rows."""
     if problem.m > MOST_ROWS:
         raise ValueError(f"problem should have at most {MOST_ROWS} constraints for this bound; found {problem.m}")
-    rows = unit_rows(problem.jacobian).jacobian[(problem.bound > -np.inf) & problem.jacobian.any(axis=1)]
+    rows = unit_rows(euclidean(problem).jacobian).jacobian[(problem.bound > -np.inf) & problem.jacobian.any(axis=1)]
     largest = 1.0
     for size in range(2, min(rows.shape) + 1):
         sets = np.array(list(combinations(range(len(rows)), size)))
@@ -45,7 +51,24 @@ def relative_distance(problem: DirectionProblem, residual: float) -> float:
     return float((1 + 2 * m + np.sqrt(m) * H) * (residual + 16 * max(m, 1) * H * _EPS))
 
 
-def distance_bound(problem: DirectionProblem, residual: float, *directions: np.ndarray) -> float:
-    """‖d − d*‖ for any d with KKT residuals ≤ residual; σ = max(‖g‖, ‖d‖) over all `directions`."""
-    sigma = max(length(vector) for vector in (problem.gradient, *directions))
-    return relative_distance(problem, residual) * sigma
+def distance_bound(
+    problem: DirectionProblem, residual: float, *directions: np.ndarray, radius_multiplier: float = 0.0
+) -> float:
+    """‖d − d*‖ for any d with KKT residuals ≤ residual; σ = max(‖g‖, ‖d‖) over all `directions`, κ the least of all."""
+    g, lengths = euclidean(problem).gradient, [length(whitened(problem, d)) for d in directions]
+    if problem.radius is None:
+        return relative_distance(problem, residual) * max(length(g), *lengths)
+    if not radius_multiplier > 0.0:
+        return float("inf")
+    delta = relative_distance(problem, residual) * max(length(g) / radius_multiplier, *lengths)
+    excess = delta + residual * problem.radius
+    return float(delta + np.sqrt(2 * problem.radius + excess) * np.sqrt(excess))
+
+
+def answers_bound(problem: DirectionProblem, residual: float, *answers: Answer) -> float:
+    """`distance_bound` of answers to one problem; where the ball is slack nothing can be said of them: skipped."""
+    kappa = min(answer.radius_multiplier for answer in answers)
+    bound = distance_bound(problem, residual, *(answer.value for answer in answers), radius_multiplier=kappa)
+    if not bound < np.inf:
+        raise NothingClaimed(Outcome.SKIPPED)
+    return bound

@@ -18,8 +18,9 @@ from .law import (
     law,
     length,
     require_at_most,
+    whitened,
 )
-from .sensitivity import distance_bound
+from .sensitivity import answers_bound
 
 
 @law
@@ -93,8 +94,8 @@ def _require_same(
     first, second = answers
     if first.status == second.status == Status.OPTIMAL:
         require_at_most(
-            length(first.value - second.value),
-            2 * distance_bound(problem, tolerance_of(solver), first.value, second.value),
+            length(whitened(problem, first.value - second.value)),
+            2 * answers_bound(problem, tolerance_of(solver), first, second),
             what,
             "What was solved before, or beside it, should not change an answer.",
             problem,

@@ -27,21 +27,32 @@ _BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
 
 
 class Case(StrEnum):
-    """The five cases that solvers differ in; a solver without `supports` is taken to handle all."""
+    """What solvers differ in: five kinds of constraints, and two geometries that go with any of them.
+
+    A solver without `supports` is taken to handle the five; the geometries only where it has `takes_geometry`.
+    """
 
     CONE = "J d ≥ 0"
     BOUNDS = "J d ≥ b"
     TANGENT = "J d = 0"
     AFFINE = "J d = b"
     MIXED = "J d ≥ b, = b in some rows"
+    METRIC = "½dᵀMd for ½‖d‖²"
+    RADIUS = "max gᵀd, dᵀMd ≤ radius²"
+
+    @property
+    def is_geometry(self) -> bool:
+        """Whether it says how directions are measured, and nothing about constraints."""
+        return self in (Case.METRIC, Case.RADIUS)
 
     @property
     def is_shifted(self) -> bool:
         """Whether b ≠ 0."""
-        return self not in (Case.TANGENT, Case.CONE)
+        return self in (Case.BOUNDS, Case.AFFINE, Case.MIXED)
 
 
-ALL_CASES = tuple(Case)
+ALL_CASES = tuple(case for case in Case if not case.is_geometry)  # of constraints
+GEOMETRIES = tuple(case for case in Case if case.is_geometry)
 SHIFTED_CASES = tuple(case for case in Case if case.is_shifted)
 
 
@@ -212,12 +223,14 @@ def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, 
 
 
 def rescaled(problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"]) -> DirectionProblem:
-    """(c g, c J, c² b), row i and bᵢ times factorᵢ: the optimum becomes c d."""
+    """(c g, c J, c² b, c radius), row i and bᵢ times factorᵢ: the optimum becomes c d."""
     return DirectionProblem(
         scale * problem.gradient,
         scale * factors[:, None] * problem.jacobian,
         scale * (scale * factors * problem.bound),
         problem.equality,
+        problem.metric,
+        None if problem.radius is None else scale * problem.radius,
     )
 
 

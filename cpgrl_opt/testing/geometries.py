@@ -1,0 +1,85 @@
+"""Problems in a metric, and in a ball that meets their constraints or misses them: made of those without."""
+
+from collections.abc import Collection
+
+import numpy as np
+from hypothesis import strategies as st
+
+from ..direction import Status
+from ..problem import DirectionProblem
+from ..solvers import SOLVERS
+from .law import length, varied, whitened
+from .strategies import ALL_CASES, GEOMETRIES, SHAPES, SHIFTED_CASES, Case, direction_problems, integers, picks
+
+Problems = st.SearchStrategy[DirectionProblem]
+
+# Units of single parameters differ by this.
+_UNITS = (1.0, 2.0, 0.5, 16.0, 1 / 16)
+# Radii, in units of the length of the shortest direction that the constraints allow.
+_REACHING = (2.0, 1.25, 8.0)
+_MISSING = (0.5, 0.125)
+
+
+def constraints_of(cases: Collection[Case]) -> list[Case]:
+    """The kinds of constraints among the cases; all if only geometries are named."""
+    return [case for case in cases if not case.is_geometry] or list(ALL_CASES)
+
+
+@st.composite
+def problems_in_geometry(
+    draw: st.DrawFn, n: int | None = None, m: int | None = None, *, cases: Collection[Case] = GEOMETRIES
+) -> DirectionProblem:
+    """Small integer problems in a metric or, with Case.RADIUS, mostly in a ball that meets the constraints."""
+    problem = draw(direction_problems(*_shape(draw, n, m), cases=constraints_of(cases)))
+    kind = draw(st.sampled_from([case for case in GEOMETRIES if case in cases]))
+    if kind == Case.METRIC:
+        return varied(problem, metric=_metric(draw, problem.n))
+    if draw(st.booleans()):
+        problem = varied(problem, metric=_metric(draw, problem.n))
+    return varied(problem, radius=_radius(draw, problem, _REACHING))
+
+
+@st.composite
+def problems_out_of_reach(draw: st.DrawFn, cases: Collection[Case] = (*SHIFTED_CASES, Case.RADIUS)) -> DirectionProblem:
+    """The ball misses the constraints by half the distance at least; feasible without it, if 0 is not allowed."""
+    shifted = [case for case in constraints_of(cases) if case.is_shifted]
+    problem = draw(direction_problems(*draw(st.sampled_from(SHAPES)), cases=shifted))
+    bound = problem.bound.copy()
+    asked = problem.jacobian[0] @ np.ones(problem.n)
+    if not (np.where(problem.equality, bound != 0, bound > 0)).any():  # ask for something that is there
+        jacobian = problem.jacobian.copy()
+        jacobian[0] = np.ones(problem.n) if asked == 0 else jacobian[0]
+        bound[:], bound[0] = np.where(problem.equality, 0.0, -np.inf), 7.0
+        alone = np.arange(problem.m) == 0
+        problem = varied(problem, jacobian=np.where(alone[:, None], jacobian, 0.0), bound=bound)
+    if draw(st.booleans()):
+        problem = varied(problem, metric=_metric(draw, problem.n))
+    return varied(problem, radius=_radius(draw, problem, _MISSING))
+
+
+@st.composite
+def in_some_metric(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
+    """Any of the problems, in a metric."""
+    problem = draw(problems)
+    return varied(problem, metric=_metric(draw, problem.n))
+
+
+def _shape(draw: st.DrawFn, n: int | None, m: int | None) -> tuple[int, int]:
+    return draw(st.sampled_from(SHAPES)) if n is None or m is None else (n, m)
+
+
+def _metric(draw: st.DrawFn, n: int) -> np.ndarray:
+    """A diagonal of powers of two, or TTᵀ + I with T of small integers, in units of any kind."""
+    units = picks(draw, n, _UNITS)
+    if draw(st.booleans()):
+        return units**2
+    root = integers(draw, n, n, largest=2)
+    metric: np.ndarray = (root @ root.T + np.eye(n)) * units * units[:, None]
+    return metric
+
+
+def _radius(draw: st.DrawFn, problem: DirectionProblem, factors: tuple[float, ...]) -> float:
+    """A factor times the length of the shortest direction; any radius where that is 0."""
+    shortest = SOLVERS["enumeration"].solve(varied(problem, gradient=np.zeros(problem.n)))
+    size = length(whitened(problem, shortest.value)) if shortest.status == Status.OPTIMAL else 0.0
+    return draw(st.sampled_from(factors)) * (size or draw(st.sampled_from((1.0, 0.25, 5.0))))
