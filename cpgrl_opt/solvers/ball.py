@@ -247,7 +247,8 @@ def _missed(search: _Search, ball: UnitBall) -> BallAnswer | None:
     size = max(1.0, float(np.where(ball.equality, np.abs(ball.bound), ball.bound).max(initial=0.0)))
     empty = least_violation(ball.along(0.0))
     if empty is not None:
-        within = solve_in_unit_ball(search.solve, ball.relaxed(empty.direction, empty.proof != 0.0))
+        violated = ball.bound - ball.rows @ empty.direction > _ROUNDING * size
+        within = solve_in_unit_ball(search.solve, ball.relaxed(empty.direction, violated))
         if within.status != Status.INFEASIBLE:
             return BallAnswer(within.point, empty.proof, 0.0, Status.INFEASIBLE, search.iterations + within.iterations)
     point, violation = least_violation_in_ball(ball.rows, ball.bound, ball.equality)
