@@ -18,6 +18,12 @@ SPOKEN = [(name, law) for name, method in PUBLISHED.items() for law in LAWS if s
 HELD = [pair for pair in SPOKEN if pair[1] not in PUBLISHED[pair[0]].declaration.broken]
 BROKEN = [(name, law) for name, method in PUBLISHED.items() for law in method.declaration.broken]
 
+
+def sampled(pairs, step):
+    """All pairs; those between every `step`-th are slow."""
+    return [pytest.param(*pair, marks=[pytest.mark.slow] if k % step else []) for k, pair in enumerate(pairs)]
+
+
 # For laws that few problems break.
 EXAMPLES = {
     ("crpo", "check_permutation"): {
@@ -69,7 +75,7 @@ def what_breaks(name, law_name, max_examples):
     return first_break(with_balls(law) if takes_balls(method) else law, method, max_examples=max_examples)
 
 
-@pytest.mark.parametrize(("name", "law"), BROKEN)
+@pytest.mark.parametrize(("name", "law"), sampled(BROKEN, 2))
 def test_a_law_that_is_declared_broken_is_broken(name, law):
     if (name, law) in EXAMPLES:
         with pytest.raises(LawBroken):
@@ -78,7 +84,7 @@ def test_a_law_that_is_declared_broken_is_broken(name, law):
         assert what_breaks(name, law, 300).broken
 
 
-@pytest.mark.parametrize(("name", "law"), HELD)
+@pytest.mark.parametrize(("name", "law"), sampled(HELD, 3))
 def test_a_law_that_is_not_declared_broken_holds(name, law):
     found = what_breaks(name, law, 5)
     assert not found.broken, found.message

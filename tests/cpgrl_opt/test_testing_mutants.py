@@ -3,6 +3,7 @@
 import os
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -10,7 +11,14 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import Direction, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.testing import LawBroken, check_direction_solver
+from cpgrl_opt.testing import (
+    LawBroken,
+    Outcome,
+    check_direction_solver,
+    check_dual_feasibility,
+    check_primal_feasibility,
+    check_stationarity,
+)
 
 RANK = 1e-12
 
@@ -336,3 +344,19 @@ def test_a_known_bad_solver_is_rejected_with_a_counterexample_that_runs(mutant, 
         with pytest.raises(LawBroken):
             example(as_solver(mutant))
     example(CORRECT)
+
+
+def _always(answer, _):
+    return answer
+
+
+def test_an_inverse_metric_forgotten_in_front_of_the_gradient_is_rejected():
+    """d = g + M⁻¹Jᵀν instead of M⁻¹(g + Jᵀμ): M = diag(4, 1), so by hand d = (1.6, 1.6) where (0.4, 0.4) is right."""
+    problem = DirectionProblem([2.0, 0.0], [[-1.0, 1.0]], metric=[4.0, 1.0])
+    answers = claimed([1.6, 1.6], [1.6]), claimed([0.4, 0.4], [0.4])
+    wrong, right = (SimpleNamespace(solve=partial(_always, answer), takes_geometry=True) for answer in answers)
+    for check in (check_primal_feasibility, check_dual_feasibility, check_stationarity):
+        assert check(right, problem) == Outcome.HELD
+    assert check_primal_feasibility(wrong, problem) == Outcome.HELD  # which is why such a step looks right
+    with pytest.raises(LawBroken, match="stationarity"):
+        check_stationarity(wrong, problem)
