@@ -36,12 +36,11 @@ from ._workspace import (
 # Attempts; the violations, relative to max(1, ‖d‖), that each takes for rounding; and the residual length below which
 # a row counts as a combination of others. Copies and rotated copies leave rounding of 1e-15·√n; a row left out is
 # violated by at most 1e-13·‖d‖, well inside the promised 1e-12. LENIENT takes rows for dependent, too, that rounding
-# of the others could make so; LOOSE is for constraints that hold by a hair; COARSE takes rows within 1e-10 rad for
-# dependent, whose multipliers no float64 could certify; POLISHING, in two grades, for equalities
+# of the others could make so; LOOSE is for constraints that hold by a hair; POLISHING, in two grades, for equalities
 # that may give.
-PLAIN, REFINED, LENIENT, LAST, LOOSE, COARSE, POLISHING = numbers(7)
-ROUNDING = (2e-15, 2e-15, 2e-15, 1e-13, 1e-14, 1e-11, 2e-15, 2e-15)
-RANK = (1e-13, 1e-13, 1e-13, 1e-13, 1e-13, 1e-10, 1e-5, 1e-3)
+PLAIN, REFINED, LENIENT, LAST, LOOSE, POLISHING = numbers(6)
+ROUNDING = (2e-15, 2e-15, 2e-15, 1e-13, 1e-14, 2e-15, 2e-15)
+RANK = (1e-13, 1e-13, 1e-13, 1e-13, 1e-13, 1e-5, 1e-3)
 
 # How the method ends.
 SETTLED, CONFLICT, LIMIT = 0, 1, 2
@@ -176,12 +175,7 @@ def dual_active_set(space: Floats, small: Floats, index: Integers, attempt: int)
             k, step, weight = blocking(small, index, size)
             exact = index[KIND, p] == EQUALITY  # one that depends on those in the basis
             nearly = length <= FARKAS_ROUNDING * weight  # a perturbation of the rows by rounding makes it so
-            dependent = (
-                exact
-                or size >= space.shape[1]
-                or not length > (RANK[COARSE] if attempt == COARSE else RANK[PLAIN])
-                or (nearly and attempt == LENIENT)
-            )
+            dependent = exact or size >= space.shape[1] or not length > RANK[PLAIN] or (nearly and attempt == LENIENT)
             if exact or (k < 0 and (dependent or nearly)):
                 if farkas(space, small, index, p, size, 1.0 if violation > 0.0 else -1.0):
                     return CONFLICT, size, changes

@@ -13,7 +13,7 @@ from ...direction import Direction, Status
 from ...kkt import kkt_residuals
 from ...problem import DirectionProblem, lengths, unit_rows
 from ..infeasibility import is_proven
-from ._dual_active_set import COARSE, LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
+from ._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from ._projection import project_stacked
 from ._workspace import Booleans, Floats
 
@@ -101,9 +101,9 @@ def reconsidered(problem: Problem, first: Answer, tolerance: float) -> tuple[Ans
 
 
 def _attempts(problem: Problem, first: Answer) -> Iterator[Answer]:
-    """First; then refined, lenient, with a looser idea of rounding, and with one of dependence; each polished twice."""
+    """First; then refined, lenient, and with a looser idea of rounding, each polished twice."""
     yield first
-    for attempt in (REFINED, LENIENT, LAST, COARSE):
+    for attempt in (REFINED, LENIENT, LAST):
         answer = solved(problem, attempt)
         yield answer
         if answer.status in (Status.INFEASIBLE, Status.NUMERICAL_ERROR):
