@@ -129,8 +129,10 @@ def limitations(findings: Findings) -> list[str]:
         "own work, so agreement of prepared solvers on infeasible problems is no independent evidence.",
         "The referee's residuals are relative to the sizes of g and d on unit rows. Rows closer to opposing than about "
         "1e-10 rad cannot be certified in float64: there an honest failure is the best possible answer.",
-        "The distance to the exact direction is measured only where the direction is well determined by float64 data "
-        "and the problem is small enough for rational arithmetic.",
+        "Residuals say how well an answer solves a problem near the one given: at an angle θ from opposing or parallel "
+        "rows, a residual ε allows a direction that is off by ε/θ. The distance to the exact direction, by rational "
+        "arithmetic on feasible problems that are small enough, shows it: where θ is 1e-10 or less, some answers that "
+        "count as success are far from exact.",
         "One seed, one draw of each problem: percentages of a family with few problems move in large steps.",
         "The authors of the default solver wrote this comparison. The measurements lie beside the report, "
         "and the command below makes them again.",

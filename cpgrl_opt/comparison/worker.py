@@ -108,12 +108,12 @@ class Bench:
         self.drawn: dict[int, tuple[DirectionProblem, ExactAnswer | None]] = {}
 
     def problem(self, family: ProblemFamily, number: int, seed: int) -> tuple[DirectionProblem, ExactAnswer | None]:
-        """The problem and, where the family is well-posed and small, its exact answer."""
+        """The problem and, where it is feasible and small, its exact answer."""
         if self.key != (family.name, seed):
             self.key, self.drawn = (family.name, seed), {}
         if number not in self.drawn:
             problem = family.problem(number, seed)
-            known = family.well_posed and family.feasible and is_small_enough(problem)
+            known = family.feasible and is_small_enough(problem)
             self.drawn[number] = problem, exact_answer(problem) if known else None
         return self.drawn[number]
 
