@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .policies import Policy
+from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,12 +26,13 @@ def episode(environment: Any, policy: Policy, rng: np.random.Generator, limit: i
 
     A terminated episode's last event is info["event"] if the environment counts events, else 1.
     """
+    channels = reward_channels(environment)
     observation, _ = environment.reset(seed=int(rng.integers(2**31)))
     for _ in range(limit):
         action = policy.sample(observation, rng)
         following, reward, terminated, truncated, info = environment.step(action)
         event = int(info.get("event", 1)) if terminated else 0
-        yield Step(observation, action, _vector(reward), event, following)
+        yield Step(observation, action, _vector(reward, channels), event, following)
         if terminated or truncated:
             return
         observation = following
@@ -59,8 +60,54 @@ def reward_channels(environment: Any) -> int:
     return int(shape[0])
 
 
-def _vector(reward: Any) -> Float[np.ndarray, "channels"]:
+def require_fitting(environment: Any, policy: Policy) -> None:
+    """ValueError unless a policy of ours fits the environment's spaces; whatever says no size is let through."""
+    from gymnasium.spaces import Box, Discrete
+
+    states, actions = (getattr(environment, f"{name}_space", None) for name in ("observation", "action"))
+    if isinstance(policy, SoftmaxTable):
+        _require_kind("observation", Discrete, states, policy)
+        _require_size("states", policy.states, _count(states), states)
+    if isinstance(policy, (SoftmaxTable, LinearSoftmax)):
+        _require_kind("action", Discrete, actions, policy)
+        _require_size("actions", policy.actions, _count(actions), actions)
+    if isinstance(policy, NormalizedGaussianNetwork):
+        _require_kind("observation", Box, states, policy)
+        _require_size("components of an observation", len(policy.counts), _shape(states), states)
+    if isinstance(policy, (LinearGaussian, NormalizedGaussianNetwork)):
+        _require_kind("action", Box, actions, policy)
+        _require_size("components of an action", policy.dimensions, _shape(actions), actions)
+
+
+def _require_kind(name: str, kind: type, space: Any, policy: Policy) -> None:
+    if space is not None and not isinstance(space, kind):
+        raise ValueError(
+            f"policy should have {name}s from {space}; found {type(policy).__name__}, which has them from a "
+            f"{kind.__name__}"
+        )
+
+
+def _require_size(name: str, found: int, wanted: int | str | None, space: Any) -> None:
+    if wanted is not None and found != wanted:
+        raise ValueError(f"policy should have {wanted} {name}, as the environment's {space}; found {found}")
+
+
+def _count(space: Any) -> int | str | None:
+    """How many elements 0, 1, … a Discrete space has."""
+    if space is None:
+        return None
+    return int(space.n) if space.start == 0 else f"{space.n} (from {space.start}, where a policy counts from 0)"
+
+
+def _shape(space: Any) -> int | str | None:
+    """How many components a Box has, if it is a box of vectors; else its shape, which no number equals."""
+    if space is None:
+        return None
+    return int(space.shape[0]) if len(space.shape) == 1 else str(space.shape)
+
+
+def _vector(reward: Any, channels: int) -> Float[np.ndarray, "channels"]:
     vector = np.asarray(reward, dtype=np.float64)
-    if vector.ndim != 1:
-        raise ValueError(f"rewards should be vectors (1 + m,); found shape {vector.shape}")
+    if vector.shape != (channels,):
+        raise ValueError(f"rewards should have shape ({channels},), as the environment declares; found {vector.shape}")
     return vector

@@ -11,7 +11,7 @@ from cpgrl_opt.arrays import Vector
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
-from ..rollout import Step, episode, reward_channels
+from ..rollout import Step, episode, require_fitting, reward_channels
 from .interface import Estimate, Estimation
 from .stored_average import StoredAverage, require_averages
 
@@ -91,6 +91,7 @@ class RolloutKonda:
         self.policy = policy
         self.rngs = [np.random.default_rng(stream) for stream in streams]
         channels = reward_channels(environment)
+        require_fitting(environment, policy)
         self.average = StoredAverage(settings.average, settings.average_rate, len(self.rngs), channels)
         self.critics = np.zeros((len(self.rngs), channels, len(policy.parameters)))
 

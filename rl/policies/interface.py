@@ -42,6 +42,13 @@ def parameter_vector(parameters: ArrayLike | None, n: int) -> NDArray[np.float64
     return theta
 
 
+def feature_vector(features: Float[np.ndarray, "k"], size: int) -> Float[np.ndarray, "k"]:
+    """φ(x) as it is; ValueError unless it has `size` components."""
+    if np.shape(features) != (size,):
+        raise ValueError(f"policy should have features of shape ({size},), as its size; found {np.shape(features)}")
+    return features
+
+
 def require_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
     """ValueError unless `value` is an integer ≥ least, and ≤ most if given."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import Features, parameter_vector, require_count
+from .interface import Features, feature_vector, parameter_vector, require_count
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -50,7 +50,7 @@ class LinearGaussian:
 
     def mean(self, observation: Any) -> Float[np.ndarray, "d"]:
         """Θᵀφ(x), (d,)."""
-        return self._of(self.features(observation))
+        return self._of(self._features(observation))
 
     def sample(self, observation: Any, rng: np.random.Generator) -> Float[np.ndarray, "d"]:
         """An action, (d,)."""
@@ -58,7 +58,7 @@ class LinearGaussian:
 
     def score(self, observation: Any, action: ArrayLike) -> Vector:
         """ψ, (k·d,)."""
-        phi = self.features(observation)
+        phi = self._features(observation)
         surprise = (np.asarray(action, dtype=np.float64) - self._of(phi)) / self.deviation**2
         return np.outer(phi, surprise).reshape(-1)
 
@@ -67,6 +67,9 @@ class LinearGaussian:
         return LinearGaussian(
             self.features, self.size, self.dimensions, deviation=self.deviation, parameters=parameters
         )
+
+    def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
+        return feature_vector(self.features(observation), self.size)
 
     def _of(self, phi: Float[np.ndarray, "k"]) -> Float[np.ndarray, "d"]:
         mean: np.ndarray = phi @ self.parameters.reshape(self.size, self.dimensions)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import Features, Index, parameter_vector, require_count
+from .interface import Features, Index, feature_vector, parameter_vector, require_count
 from .softmax_table import softmax
 
 
@@ -39,7 +39,7 @@ class LinearSoftmax:
 
     def probabilities(self, observation: Any) -> Float[np.ndarray, "A"]:
         """μ_θ(x, ·), (A,)."""
-        return self._of(self.features(observation))
+        return self._of(self._features(observation))
 
     def sample(self, observation: Any, rng: np.random.Generator) -> int:
         """An action 0 … A − 1."""
@@ -48,7 +48,7 @@ class LinearSoftmax:
 
     def score(self, observation: Any, action: Index) -> Vector:
         """ψ, (k·A,)."""
-        phi = self.features(observation)
+        phi = self._features(observation)
         surprise = -self._of(phi)
         surprise[action] += 1.0
         return np.outer(phi, surprise).reshape(-1)
@@ -56,6 +56,9 @@ class LinearSoftmax:
     def with_parameters(self, parameters: ArrayLike) -> "LinearSoftmax":
         """The policy at another θ, (k·A,)."""
         return LinearSoftmax(self.features, self.size, self.actions, parameters)
+
+    def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
+        return feature_vector(self.features(observation), self.size)
 
     def _of(self, phi: Float[np.ndarray, "k"]) -> Float[np.ndarray, "A"]:
         return softmax(phi @ self.parameters.reshape(self.size, self.actions))
