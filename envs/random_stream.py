@@ -2,12 +2,19 @@
 
 Part of the interface: whoever draws within a kernel advances the same array, `interface.random_state`, by
 these. Unlike the rest of the package this module imports numba; only modules that hold kernels import it.
-numba's cache of a caller does not notice a change made here: bump the caller or clear its cache.
+numba's cache of a caller does not notice a change made here: this package's own is cleared below, rl's by rl.
 Source: Blackman & Vigna (2021), Scrambled linear pseudorandom number generators, ACM TOMS 47(4).
 """
 
+from pathlib import Path
+
 import numba
 import numpy as np
+
+from .kernel_cache import forget_outdated_kernels
+
+_HERE = Path(__file__).parent
+forget_outdated_kernels([_HERE], list(_HERE.glob("*.py")))  # before any kernel is loaded: all import this module
 
 
 @numba.njit("uint64(uint64, int64)", cache=True)  # type: ignore[misc, unused-ignore]

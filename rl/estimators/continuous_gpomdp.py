@@ -1,15 +1,14 @@
 """GPOMDP in a compiled environment: B runs advance one episode, each of its own length, in one call."""
 
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from jaxtyping import Float
 
 from envs.interface import ContinuousKernels
 
+from ..kernels import kernel
 from ..policies import NormalizedGaussianNetwork
 from ..policies.normalized_gaussian_kernels import act, exchange
 from .continuous_rollout import ContinuousRollout, rollout_signature
@@ -18,8 +17,6 @@ from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
-
-_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 
 
 class ContinuousGPOMDP:
@@ -44,14 +41,14 @@ class ContinuousGPOMDP:
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
 
-@_kernel("void(float64[::1], float64, float64[::1])")
+@kernel("void(float64[::1], float64, float64[::1])")
 def _add(vector, factor, into):  # type: ignore[no-untyped-def]
     """into ← into + factor · vector."""
     for j in range(vector.size):
         into[j] += factor * vector[j]
 
 
-@_kernel("void(boolean, float64, float64[::1], float64[::1], float64[::1])")
+@kernel("void(boolean, float64, float64[::1], float64[::1], float64[::1])")
 def _meet(paper, decay, score, trace, met):  # type: ignore[no-untyped-def]
     """z ← βz + ψ, and what the reward meets: z + ψ with the z before ("paper"), or the z after."""
     for j in range(score.size):
@@ -60,7 +57,7 @@ def _meet(paper, decay, score, trace, met):  # type: ignore[no-untyped-def]
         trace[j] = extended
 
 
-@_kernel(rollout_signature("boolean, float64, float64, float64[:, ::1]"))
+@kernel(rollout_signature("boolean, float64, float64, float64[:, ::1]"))
 def advance(  # type: ignore[no-untyped-def]
     reset,
     step,

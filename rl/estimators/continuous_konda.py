@@ -4,16 +4,15 @@ A critic enters a step through wᵀψ alone. With the value v = wᵀψ_t of the 
 each channel, wᵀψ_{t+1}, and one for all of them, zᵀψ_{t+1}:  v ← wᵀψ_{t+1} + α_w δ zᵀψ_{t+1} after w ← w + α_w δ z.
 """
 
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from jaxtyping import Float
 
 from envs.interface import ContinuousKernels
 
+from ..kernels import kernel
 from ..policies import NormalizedGaussianNetwork
 from ..policies.normalized_gaussian_kernels import act, dot, exchange
 from .continuous_rollout import ContinuousRollout, rollout_signature
@@ -22,8 +21,6 @@ from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
     from .konda_actor_critic import KondaActorCritic
-
-_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 
 
 class ContinuousKonda:
@@ -57,7 +54,7 @@ class ContinuousKonda:
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
 
-@_kernel("float64(float64, float64[::1], float64[::1], float64[::1])", fastmath={"reassoc", "nsz", "contract"})
+@kernel("float64(float64, float64[::1], float64[::1], float64[::1])", fastmath={"reassoc", "nsz", "contract"})
 def _extend(decay, score, following, trace):  # type: ignore[no-untyped-def]
     """z ← βz + ψ_t; zᵀψ_{t+1}."""
     overlap = 0.0
@@ -67,7 +64,7 @@ def _extend(decay, score, following, trace):  # type: ignore[no-untyped-def]
     return overlap
 
 
-@_kernel(
+@kernel(
     "float64(float64, float64, float64, float64, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])"
 )
 def _criticize(surprise, rate, value, overlap, score, following, trace, critic, gradient):  # type: ignore[no-untyped-def]
@@ -80,7 +77,7 @@ def _criticize(surprise, rate, value, overlap, score, following, trace, critic, 
     return following_value + change * overlap
 
 
-@_kernel(
+@kernel(
     rollout_signature("float64, float64, float64, float64[:, ::1], float64[:, :, ::1]"),
 )
 def advance(  # type: ignore[no-untyped-def]

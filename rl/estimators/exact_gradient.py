@@ -55,5 +55,5 @@ class ExactEstimation:
         tables = self.policy.probabilities(parameters)
         values = np.array([self.mdp.average_rewards(table) for table in tables], dtype=np.float64)
         gradients = np.array([self.mdp.policy_gradients(table) for table in tables], dtype=np.float64)
-        none = np.zeros(self.runs, dtype=np.int64)
-        return Estimate(values, gradients.reshape((*values.shape, -1)), none, np.zeros_like(values), none)
+        steps, events = np.zeros((2, self.runs), dtype=np.int64)
+        return Estimate(values, gradients.reshape((*values.shape, -1)), steps, np.zeros_like(values), events)

@@ -9,27 +9,25 @@ gathering G[q] = Σ (rⁱ_t + c Lⁱ_t) for each pair q = (state, action); the s
 costs the same for any number of states and actions up to their search, and hardly more for four channels than for one.
 """
 
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from jaxtyping import Float
 
 from envs.interface import FiniteKernel, random_state
 from envs.random_stream import next_word
 
+from ..kernels import kernel
 from ..policies import SoftmaxTable
+from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
 from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
 
-_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 _LANES = 4  # channels handled together, one vector register of float64
-_WORD = 2.0**32
 
 
 class FiniteGPOMDP:
@@ -42,21 +40,16 @@ class FiniteGPOMDP:
     def __init__(
         self,
         settings: "GPOMDP",
-        kernel: FiniteKernel,
+        mdp: FiniteKernel,
         policy: SoftmaxTable,
         streams: Sequence[np.random.SeedSequence],
     ) -> None:
-        channels, states, actions = kernel.rewards.shape
-        if (policy.states, policy.actions) != (states, actions):
-            raise ValueError(
-                f"policy should have {states} states and {actions} actions, as the environment; "
-                f"found {policy.states} and {policy.actions}"
-            )
+        channels, states, actions = mdp.rewards.shape
+        self.transitions = transition_thresholds(mdp, policy)
         lanes = -(-channels // _LANES) * _LANES
         self.rewards = np.zeros((states * actions, lanes))
-        self.rewards[:, :channels] = kernel.rewards.reshape(channels, -1).T
-        self.transitions = np.ceil(kernel.transition_cumulative * _WORD).astype(np.int64)
-        self.start = kernel.start
+        self.rewards[:, :channels] = mdp.rewards.reshape(channels, -1).T
+        self.start = mdp.start
         self.steps = int(settings.steps)
         paper = settings.weights == "paper"
         self.first = 1 if paper else 0  # step of the first reward that enters
@@ -65,8 +58,6 @@ class FiniteGPOMDP:
         self.random_states = np.array([random_state(stream) for stream in streams])
         self.average = StoredAverage(settings.average, settings.average_rate, len(streams), channels)
         self.shape = (len(streams), channels, states * actions)
-        self.taken = np.full(len(streams), self.steps)
-        self.events = np.zeros(len(streams), dtype=np.int64)
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run in one compiled call."""
@@ -87,38 +78,12 @@ class FiniteGPOMDP:
             gradients,
             rewards,
         )
-        return Estimate(self.average.store(rewards), gradients, self.taken, rewards, self.events)
+        runs = len(rewards)
+        taken, events = np.full(runs, self.steps), np.zeros(runs, dtype=np.int64)
+        return Estimate(self.average.store(rewards), gradients, taken, rewards, events)
 
 
-@_kernel("void(float64[::1], float64[:, ::1], int64[:, ::1])")
-def _tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
-    """μ(s, a), and the least 32-bit draw that goes beyond action a in state s."""
-    states, actions = probabilities.shape
-    for s in range(states):
-        preferences = theta[s * actions : (s + 1) * actions]
-        largest, total, below = preferences.max(), 0.0, 0.0
-        for a in range(actions):
-            probabilities[s, a] = np.exp(preferences[a] - largest)
-            total += probabilities[s, a]
-        for a in range(actions):
-            probabilities[s, a] /= total
-            below += probabilities[s, a]
-            thresholds[s, a] = np.int64(np.ceil(below * _WORD))
-
-
-@_kernel("int64(int64[::1], int64)")
-def _drawn(thresholds, draw):  # type: ignore[no-untyped-def]
-    """The first j with draw < thresholds[j], the last if none; the last is not compared."""
-    last = thresholds.size - 1
-    if last > 16:
-        return min(np.searchsorted(thresholds, draw, side="right"), last)
-    count = 0
-    for j in range(last):  # without a branch: none is mispredicted
-        count += draw >= thresholds[j]
-    return count
-
-
-@_kernel("void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])")
+@kernel("void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])")
 def _simulate(actions, transitions, start, random_states, visits):  # type: ignore[no-untyped-def]
     """One word a step: its high half draws the action, its low half the next state; visits (T, B) are s·A + a."""
     steps, runs = visits.shape
@@ -127,12 +92,12 @@ def _simulate(actions, transitions, start, random_states, visits):  # type: igno
         for run in range(runs):
             word = next_word(random_states[run])
             s = state[run]
-            a = _drawn(actions[run, s], np.int64(word >> np.uint64(32)))
+            a = drawn(actions[run, s], np.int64(word >> np.uint64(32)))
             visits[t, run] = s * actions.shape[2] + a
-            state[run] = _drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
+            state[run] = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
 
 
-@_kernel(
+@kernel(
     "void(int32[:, ::1], int64, float64[:, ::1], int64, float64, float64, float64, float64[:, ::1], float64[:, ::1])"
 )
 def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums):  # type: ignore[no-untyped-def]
@@ -162,21 +127,7 @@ def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums)
                 sums[0, i + lane] += rewards[visits[0, run], i + lane]
 
 
-@_kernel("void(float64[:, ::1], float64[:, ::1], float64, float64[:, ::1])")
-def _contract(gathered, probabilities, updates, gradients):  # type: ignore[no-untyped-def]
-    """Δⁱ = Σ_q ψ(q) Gⁱ[q] / updates: G − μ(s, ·) Σ_b G[s, b] in each state."""
-    states, actions = probabilities.shape
-    for i in range(gradients.shape[0]):
-        for s in range(states):
-            total = 0.0
-            for a in range(actions):
-                total += gathered[s * actions + a, i]
-            for a in range(actions):
-                q = s * actions + a
-                gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / updates
-
-
-@_kernel(
+@kernel(
     "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, int64, float64, float64, float64, "
     "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
@@ -203,14 +154,14 @@ def advance(  # type: ignore[no-untyped-def]
     visits = np.empty((steps, runs), np.int32)
     gathered, sums = np.empty((pairs, rewards.shape[1])), np.empty((2, rewards.shape[1]))
     for run in range(runs):
-        _tabulate(parameters[run], probabilities[run], thresholds[run])
+        tabulate(parameters[run], probabilities[run], thresholds[run])
     _simulate(thresholds, transitions, start, random_states, visits)
     updates = steps - first
     kept = (1.0 - average_rate) ** updates
     for run in range(runs):
         gathered[:] = 0.0
         _gather(visits, run, rewards, first, trace_decay, following, average_rate, gathered, sums)
-        _contract(gathered, probabilities[run], max(updates, 1), gradients[run])
+        contract(gathered, probabilities[run], max(updates, 1), gradients[run])
         for i in range(averages.shape[1]):
             averages[run, i] = kept * averages[run, i] + sums[1, i]
             reward_sums[run, i] = sums[0, i]

@@ -4,26 +4,23 @@ A score is zero outside its state, so wᵀψ costs A products, and Q enters Δ t
 Δⁱ = (1/T) Σ_q ψ(q) Σ_{t: q_t = q} Qⁱ. Only the trace and w itself are of θ's length at every step.
 """
 
-import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from jaxtyping import Float
 
 from envs.interface import FiniteKernel, random_state
 from envs.random_stream import next_word
 
+from ..kernels import kernel
 from ..policies import SoftmaxTable
-from .finite_gpomdp import _WORD, _contract, _drawn, _tabulate
+from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
 from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
     from .konda_actor_critic import KondaActorCritic
-
-_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 
 
 class FiniteKonda:
@@ -36,20 +33,15 @@ class FiniteKonda:
     def __init__(
         self,
         settings: "KondaActorCritic",
-        kernel: FiniteKernel,
+        mdp: FiniteKernel,
         policy: SoftmaxTable,
         streams: Sequence[np.random.SeedSequence],
     ) -> None:
-        channels, states, actions = kernel.rewards.shape
-        if (policy.states, policy.actions) != (states, actions):
-            raise ValueError(
-                f"policy should have {states} states and {actions} actions, as the environment; "
-                f"found {policy.states} and {policy.actions}"
-            )
+        channels, states, actions = mdp.rewards.shape
+        self.transitions = transition_thresholds(mdp, policy)
         runs = len(streams)
-        self.rewards = np.ascontiguousarray(kernel.rewards.reshape(channels, -1).T)
-        self.transitions = np.ceil(kernel.transition_cumulative * _WORD).astype(np.int64)
-        self.start = kernel.start
+        self.rewards = np.ascontiguousarray(mdp.rewards.reshape(channels, -1).T)
+        self.start = mdp.start
         self.steps = int(settings.steps)
         self.rates = (float(settings.trace_decay), float(settings.average_rate), float(settings.critic_rate))
         self.random_states = np.array([random_state(stream) for stream in streams])
@@ -77,7 +69,7 @@ class FiniteKonda:
         return Estimate(self.average.store(rewards), gradients, np.full(runs, self.steps), rewards, none)
 
 
-@_kernel("float64(float64[::1], float64[::1], int64)")
+@kernel("float64(float64[::1], float64[::1], int64)")
 def _value(critic, probabilities, action):  # type: ignore[no-untyped-def]
     """wᵀψ(s, a) from the state's row of w and of μ: w_a − Σ_b μ_b w_b."""
     value = critic[action]
@@ -86,7 +78,7 @@ def _value(critic, probabilities, action):  # type: ignore[no-untyped-def]
     return value
 
 
-@_kernel("void(float64, float64[::1], int64, int64, float64[:, ::1])")
+@kernel("void(float64, float64[::1], int64, int64, float64[:, ::1])")
 def _extend(decay, probabilities, state, action, trace):  # type: ignore[no-untyped-def]
     """z ← βz + ψ(s, a); z: (S, A)."""
     for s in range(trace.shape[0]):
@@ -97,7 +89,7 @@ def _extend(decay, probabilities, state, action, trace):  # type: ignore[no-unty
     trace[state, action] += 1.0
 
 
-@_kernel("void(float64, float64[:, ::1], float64[::1])")
+@kernel("void(float64, float64[:, ::1], float64[::1])")
 def _add(change, trace, critic):  # type: ignore[no-untyped-def]
     """w ← w + α_w δ z."""
     flat = trace.ravel()
@@ -105,7 +97,7 @@ def _add(change, trace, critic):  # type: ignore[no-untyped-def]
         critic[j] += change * flat[j]
 
 
-@_kernel(
+@kernel(
     "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, "
     "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
@@ -129,17 +121,17 @@ def advance(  # type: ignore[no-untyped-def]
     probabilities, thresholds = np.empty((states, actions)), np.empty((states, actions), np.int64)
     trace, gathered = np.empty((states, actions)), np.empty(rewards.shape)
     for run in range(parameters.shape[0]):
-        _tabulate(parameters[run], probabilities, thresholds)
+        tabulate(parameters[run], probabilities, thresholds)
         trace[:], gathered[:], reward_sums[run] = 0.0, 0.0, 0.0
         s = start
         word = next_word(random_states[run])
-        a = _drawn(thresholds[s], np.int64(word >> np.uint64(32)))
+        a = drawn(thresholds[s], np.int64(word >> np.uint64(32)))
         for _ in range(steps):
             taken, q = a, s * actions + a
             _extend(trace_decay, probabilities[s], s, a, trace)
-            following = _drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
+            following = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
             word = next_word(random_states[run])
-            a = _drawn(thresholds[following], np.int64(word >> np.uint64(32)))
+            a = drawn(thresholds[following], np.int64(word >> np.uint64(32)))
             for i in range(rewards.shape[1]):
                 critic, reward = critics[run, i], rewards[q, i]
                 value = _value(critic[s * actions : (s + 1) * actions], probabilities[s], taken)
@@ -150,4 +142,4 @@ def advance(  # type: ignore[no-untyped-def]
                 delta = reward - averages[run, i] + _value(next_row, probabilities[following], a) - value
                 _add(critic_rate * delta, trace, critic)
             s = following
-        _contract(gathered, probabilities, steps, gradients[run])
+        contract(gathered, probabilities, steps, gradients[run])

@@ -4,18 +4,16 @@ Inside kernels a vector of θ's length has its rows and columns exchanged, index
 every loop over it runs along memory; `exchanged` changes between the two orders.
 """
 
-import functools
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from envs.random_stream import uniform
 
+from ..kernels import kernel
 from .normalized_gaussian_network import NormalizedGaussianNetwork
 
-_kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 # Sums in any order, so that they fill vector registers; NaN and infinities keep their meaning.
 _REORDERED = {"reassoc", "nsz", "contract"}
 
@@ -40,7 +38,7 @@ def grid_of(policy: NormalizedGaussianNetwork) -> Grid:
     return Grid(np.array(policy.counts), places, np.array([falls, np.full_like(falls, policy.width**-2)]))
 
 
-@_kernel("void(float64, float64[:, ::1], float64[::1])")
+@kernel("void(float64, float64[:, ::1], float64[::1])")
 def _along_axis(place, falls, weights):  # type: ignore[no-untyped-def]
     """Normalised Gaussians at `place`, counted in spacings from the lowest centre, from one exponential.
 
@@ -66,7 +64,7 @@ def _along_axis(place, falls, weights):  # type: ignore[no-untyped-def]
         weights[i] *= share
 
 
-@_kernel("void(float64[::1], int64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])")
+@kernel("void(float64[::1], int64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])")
 def fill_features(state, counts, places, falls, weights, features):  # type: ignore[no-untyped-def]
     """n(x) into `features`, (K,); weights: (max counts,), scratch."""
     features[0] = 1.0
@@ -81,7 +79,7 @@ def fill_features(state, counts, places, falls, weights, features):  # type: ign
         size *= count
 
 
-@_kernel("UniTuple(float64, 2)(uint64[::1])")
+@kernel("UniTuple(float64, 2)(uint64[::1])")
 def normal_pair(random_state):  # type: ignore[no-untyped-def]
     """Two independent N(0, 1). Source: Marsaglia & Bray (1964), the polar method."""
     while True:
@@ -92,7 +90,7 @@ def normal_pair(random_state):  # type: ignore[no-untyped-def]
             return x * factor, y * factor
 
 
-@_kernel("float64(float64[::1], float64[::1])", fastmath=_REORDERED)
+@kernel("float64(float64[::1], float64[::1])", fastmath=_REORDERED)
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Σ aᵢbᵢ."""
     total = 0.0
@@ -101,7 +99,7 @@ def dot(a, b):  # type: ignore[no-untyped-def]
     return total
 
 
-@_kernel(
+@kernel(
     "void(float64[::1], float64[::1], float64, int64[::1], float64[:, ::1], float64[:, ::1], uint64[::1], "
     "float64[::1], float64[::1], float64[::1], float64[::1])"
 )
@@ -132,7 +130,7 @@ def act(  # type: ignore[no-untyped-def]
             score[c * size + j] = features[j] * scaled
 
 
-@_kernel("void(float64[::1], int64, float64[::1])")
+@kernel("void(float64[::1], int64, float64[::1])")
 def exchange(vector, rows, into):  # type: ignore[no-untyped-def]
     """vector read as (rows, columns), written into `into` by columns."""
     columns = vector.size // rows

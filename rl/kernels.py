@@ -1,0 +1,23 @@
+"""How rl's kernels are compiled. Only modules that hold kernels import this one, for it imports numba."""
+
+import functools
+from pathlib import Path
+
+import numba
+
+import envs
+from envs.kernel_cache import forget_outdated_kernels
+
+# To be called with explicit signatures, so that a kernel loads from the disk cache in a new process.
+kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
+
+_HERE = Path(__file__).parent
+_FOLDERS = [_HERE / "policies", _HERE / "estimators"]
+
+
+def _sources() -> list[Path]:
+    inlined = [*_FOLDERS, Path(envs.__file__).parent]
+    return [Path(__file__), *(source for folder in inlined for source in folder.glob("*.py"))]
+
+
+forget_outdated_kernels(_FOLDERS, _sources())  # before any of them is loaded
