@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 _PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "gymnasium", "matplotlib")
+_CPUINFO = Path("/proc/cpuinfo")
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -24,8 +25,23 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """Operating system, processor and cores."""
-    return {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()}
+    """Operating system, architecture, processor and cores; nothing that names this one machine."""
+    return {
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+    }
+
+
+def _processor() -> str:
+    """The processor's model where the system tells it, else what Python knows, else its architecture."""
+    try:
+        lines = _CPUINFO.read_text(encoding="utf-8").splitlines()
+    except OSError:  # not Linux
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(iter(models), platform.processor() or platform.machine())
 
 
 def write_summary(path: Path, steps_per_second: float, contents: Mapping[str, Any]) -> None:
