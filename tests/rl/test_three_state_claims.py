@@ -65,7 +65,15 @@ def test_a_claim_about_spread_does_not_hold_of_a_single_run():
         name: LearningCurves(c.episodes, c.estimated[:1], c.exact[:1], c.policies[:1])
         for name, c in (("cpgrl", CPGRL), ("conb", CONB), ("sum_", SUM))
     }
-    assert not verdicts(**single)["conb-spreads-more"]
+    held = verdicts(**single)
+    assert not held["conb-spreads-more"]
+    assert not held["cpgrl-spread-small"]
+
+
+def test_the_claim_about_cpgrls_spread_says_which_averages_it_is_judged_by():
+    evidence = Evidence({"cpgrl": CPGRL, "conb": CONB, "sum": SUM}, OPTIMUM, NO_THRESHOLDS, 0.0)
+    claim = next(claim for claim in three_state_claims(evidence) if claim.id == "cpgrl-spread-small")
+    assert "exact averages" in claim.claim
 
 
 def test_satisfied_from_is_the_record_after_the_last_violation():
