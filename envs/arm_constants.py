@@ -47,7 +47,7 @@ class ArmObject:
         object.__setattr__(self, "reward", number_between(f"reward of {self.name}", self.reward, -MOST, MOST))
 
 
-# The paper shows them in Fig. 6 (a) without numbers; these are ours (reproduction.md §3).
+# The paper shows them in Fig. 6 (a) without numbers; these are ours (docs/reproduction.md §3).
 OBJECTS = (
     ArmObject("circle", (-0.69, 0.87)),
     ArmObject("star", (-0.04, 1.11), -1.0),

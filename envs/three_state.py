@@ -10,7 +10,7 @@ from .tabular import TabularMDP
 from .tabular_env import TabularEnv
 from .validation import number_in_unit_interval
 
-# rⁱ(s_j, a_k) of §3.1: rows are states, columns actions. r² + r³ + r⁴ = 0 everywhere (reproduction.md, slip
+# rⁱ(s_j, a_k) of §3.1: rows are states, columns actions. r² + r³ + r⁴ = 0 everywhere (docs/reproduction.md, slip
 # 6).
 REWARDS = (
     ((1, 0, -1), (1, 0, 2), (1, 0, -1)),
@@ -28,7 +28,7 @@ class ThreeStateMDP(TabularMDP):
     So a₁ moves on by one, a₂ by two, a₃ stays. Under thresholds 0 the optimum is a₁ everywhere with average
     rewards [1, 0, 0, 0], for any slip in (0, 1): r¹ + r³ ≤ 1 in every state and action.
     slip: probability; rewards: (1 + m, 3, 3); start: x₀, s₁ in the paper. Fig. 3's transitions are not in the
-    text: reproduction.md §2 says what was taken.
+    text: docs/reproduction.md §2 says what was taken.
     """
 
     slip: float

@@ -41,7 +41,7 @@ class TwoLinkArm:
     The state is φ, rad; the action u, rad/s. Stops are `box` widened on each side by `stop_margin` of its
     width. An episode starts uniformly in `box` where nothing is touched, and lasts `max_steps` at most.
     Raises ValueError for constants that make no such arm. The paper gives `box`, `max_steps` and the rewards'
-    form (§4.1), reproduction.md §3 the rest.
+    form (§4.1), docs/reproduction.md §3 the rest.
     """
 
     link_lengths: Pair = (1.0, 1.0)  # m

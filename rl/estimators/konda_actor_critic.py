@@ -27,7 +27,7 @@ class KondaActorCritic:
         wⁱ ← wⁱ + α_w δⁱ z
 
     rⁱ_t is what (x_t, u_t) yields. The paper prints r_{t+1}, with which Q(x_t, u_t) would lose its own reward; its
-    limit is then off the exact gradient by more than half, against 0.003–0.011 (reproduction.md, slip 9).
+    limit is then off the exact gradient by more than half, against 0.003–0.011 (docs/reproduction.md, slip 9).
     ρ is subtracted in every critic, in reward per step whatever `average` says. z and Δ restart with each episode;
     w and ρ go on (§2.4 as we read it; resetting w kills learning). ψ_{t+1} = 0 after an event that ends the episode;
     at the time limit one more action is drawn to bootstrap from.

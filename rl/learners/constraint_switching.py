@@ -20,7 +20,7 @@ class ConstraintSwitching:
     """θ ← θ + α₁ Δ¹ if ρⁱ − Gⁱ > 0 for all i, else θ + α₁ Δʲ, j = argmin ρⁱ − Gⁱ.
 
     thresholds Gⁱ: (m,), per environment step. Where some rewards sum to 0 and their thresholds are 0, as in the
-    three-state MDP, the first case never holds (reproduction.md, slip 6). Source: §3.1 of the paper, CONB.
+    three-state MDP, the first case never holds (docs/reproduction.md, slip 6). Source: §3.1 of the paper, CONB.
     """
 
     thresholds: Float[np.ndarray, "m"]

@@ -22,8 +22,8 @@ class NormalizedGaussianNetwork:
 
         ψ = n(x) ⊗ (u − Θᵀn(x))/σ²,     μ_θ(x, u) ∝ exp(−‖u − Θᵀn(x)‖²/(2σ²))
 
-    The exponent holds the *squared* norm: the paper prints ‖·‖ where a Gaussian has ‖·‖² (reproduction.md, slip 5);
-    its η₂ is 1/(2σ²). u is taken as drawn: an environment that clips it does so behind the policy.
+    The exponent holds the *squared* norm: the paper prints ‖·‖ where a Gaussian has ‖·‖² (docs/reproduction.md,
+    slip 5); its η₂ is 1/(2σ²). u is taken as drawn: an environment that clips it does so behind the policy.
 
     low, high: (D,), the corners of the grid of centres, in the unit of x, both ends included; counts: (D,), centres
     along each axis, ≥ 2; w_d is `width`, ≥ 0.1, times the spacing along axis d. For the arm:

@@ -219,7 +219,7 @@ def test_of_two_objects_within_reach_the_nearer_is_touched():
 
 
 def reference(arm, angles, actions):
-    """The table of reproduction.md §3 in NumPy, many steps at once."""
+    """The table of docs/reproduction.md §3 in NumPy, many steps at once."""
     desired = angles + arm.dt * np.clip(actions, -arm.max_speed, arm.max_speed)
     low, high = np.array(arm.box).T
     inside = ((desired >= low) & (desired <= high)).all(axis=1)

@@ -69,7 +69,7 @@ def test_training_stops_where_the_gradient_vanishes_on_the_tangent_and_no_multip
 
 
 def test_training_goes_on_where_a_positive_multiplier_says_that_the_constraint_may_be_dropped() -> None:
-    """reproduction.md, slip 1: "no negative components" must read "no positive"."""
+    """docs/reproduction.md, slip 1: "no negative components" must read "no positive"."""
     mdp, theta, thresholds = opposed(1.0)
     learner = CPGRL(ConstrainedStep(drop="stationary"), thresholds)
     records = list(

@@ -12,7 +12,7 @@ from envs import TwoLinkArm
 from rl import CPGRL, DivergenceError, KondaActorCritic, NormalizedGaussianNetwork, train
 
 ARM = TwoLinkArm()
-SAFEGUARDS = {"drop": "never", "ridge": 1e-4, "max_restoration": 0.1}  # ours: reproduction.md §3
+SAFEGUARDS = {"drop": "never", "ridge": 1e-4, "max_restoration": 0.1}  # ours: docs/reproduction.md §3
 PRINTED = {"solver": "rosen", "drop": "never"}
 UNCONSTRAINED = (-1e9, -1e9)
 PER_EPISODE = ("step", "step", "episode")
@@ -48,7 +48,7 @@ def behaviour(thresholds: tuple[float, ...], episodes: int, last: int, **setting
 
 
 def test_without_constraints_all_objects_are_touched_at_first_and_the_box_is_left() -> None:
-    """reproduction.md §3, (a): 24 / 26 / 23 / 26 / 2 in the first 500."""
+    """docs/reproduction.md §3, (a): 24 / 26 / 23 / 26 / 2 in the first 500."""
     found = behaviour(UNCONSTRAINED, 150, 150)
     assert all(0.15 < found[name] < 0.35 for name in ARM.events)
     assert found["violation"] > 0.2

@@ -39,7 +39,7 @@ def test_conb_without_constraints_is_the_plain_gradient() -> None:
 
 
 def test_conb_never_follows_the_objective_when_constraint_values_sum_to_zero() -> None:
-    """reproduction.md, slip 6: ρ² + ρ³ + ρ⁴ = 0 cannot be > 0 in all three."""
+    """docs/reproduction.md, slip 6: ρ² + ρ³ + ρ⁴ = 0 cannot be > 0 in all three."""
     values = RNG.normal(size=(500, 4))
     values[:, 3] = -values[:, 1] - values[:, 2]
     update = ConstraintSwitching([0, 0, 0]).update(Linearization(values, np.zeros((500, 4, 9))))

@@ -25,7 +25,7 @@ from rl.experiments.three_state_reproduction import FILES, remarks, reproduce_th
 SMALL = ThreeStateSettings(runs=5, episodes=3000)
 TINY = ThreeStateSettings(runs=2, episodes=25, steps=20, record_every=10)
 COLUMNS = ["method", "run", "episode"] + [f"{kind}_{i}" for kind in ("estimated", "exact") for i in (1, 2, 3, 4)]
-# Pr(a₁|s₁) of CONB is about a half under the transitions taken (reproduction.md §2).
+# Pr(a₁|s₁) of CONB is about a half under the transitions taken (docs/reproduction.md §2).
 CONTRADICTED = {"all-choose-a1-in-s1"}
 
 

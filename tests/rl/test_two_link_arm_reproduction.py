@@ -269,6 +269,6 @@ def test_claims_hold_at_full_size(tmp_path):
     done = reproduce_two_link_arm(ArmSettings(), tmp_path, processes=2)
     assert [claim.id for claim in done.claims if not claim.holds] == []
     late = {name: learned.late().rates().mean(axis=0) for name, learned in done.results.curves.items()}
-    np.testing.assert_allclose(late["b"], (5, 3, 4, 88, 0), atol=10)  # reproduction.md §3, 10 seeds
+    np.testing.assert_allclose(late["b"], (5, 3, 4, 88, 0), atol=10)  # docs/reproduction.md §3, 10 seeds
     np.testing.assert_allclose(late["c"], (1, 1, 96, 2, 0), atol=6)
     np.testing.assert_allclose(late["a"], (17, 74, 4, 5, 0), atol=12)
