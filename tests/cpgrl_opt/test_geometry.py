@@ -353,3 +353,25 @@ def test_cvxpys_cone_program_agrees(radius, m):
         assert kkt_residuals(problem, modelled).worst <= 1e-4
         np.testing.assert_allclose(modelled.radius_multiplier, answer.radius_multiplier, rtol=1e-4, atol=1e-5)
         np.testing.assert_allclose(modelled.multipliers, answer.multipliers, rtol=1e-3, atol=1e-4)
+
+
+class Counting(Plain):
+    """How often the cone solver is asked."""
+
+    calls = 0
+
+    def solve(self, problem):
+        self.calls += 1
+        return super().solve(problem)
+
+
+@pytest.mark.parametrize("bound", [0.0, 0.4])
+def test_the_search_ends_with_the_face(bound):
+    """One projection where b = 0; else the shortest direction and a few steps, not a bisection."""
+    calls = []
+    for seed in range(20):
+        solver = Counting()
+        problem = random_problem(seed, radius=0.8, bound=bound)
+        if WithGeometry(solver).solve(problem).status == Status.OPTIMAL:
+            calls.append(solver.calls)
+    assert max(calls) <= (1 if bound == 0.0 else 8)

@@ -151,3 +151,29 @@ def test_steps_compare_by_their_metric():
     assert hash(one) == hash(two)
     assert one != three
     assert dataclasses.replace(one, radius=1.0).metric.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("formulation", ["equality", "cone"])
+def test_the_radius_is_the_tangents_and_not_the_restorations(formulation):
+    """v = J⁺t is 10 long in a ball of radius 0.1."""
+    linearization = Linearization([0.0, -10.0], [[0.0, 1.0], [1.0, 0.0]])
+    result = plain(formulation=formulation, radius=0.1)(linearization, [0.0])
+    np.testing.assert_allclose(result.change, [0.05 * 10.0, 0.02 * 0.1], rtol=1e-12)
+    assert result.counts["infeasible"] == 0
+
+
+@pytest.mark.parametrize("metric", [np.array([1.0, 2.0, 3.0, 4.0, 5.0]), fisher(9)])
+def test_the_ridge_in_a_metric_is_the_regularised_inverse_in_it(metric):
+    """(JM⁻¹Jᵀ + εI)⁻¹ in s and v."""
+    linearization, ridge = random_linearization(10), 0.3
+    inverse = np.linalg.inv(np.diag(metric) if metric.ndim == 1 else metric)
+    J, g = linearization.jacobian, linearization.objective_gradient
+    soft = np.linalg.inv(J @ inverse @ J.T + ridge * np.eye(2))
+    target = np.array([0.3, 0.1])
+    expected = 0.02 * inverse @ (g - J.T @ soft @ J @ inverse @ g) + 0.05 * inverse @ J.T @ soft @ target
+    seen = []
+    step = plain(metric=metric, ridge=ridge)
+    result = step(linearization, linearization.values[1:] + target, observe=lambda problems, _: seen.append(problems))
+    np.testing.assert_allclose(result.change, expected, rtol=1e-8, atol=1e-12)
+    extended = seen[0][0].metric
+    assert (extended if extended.ndim == 1 else extended.diagonal())[5:].tolist() == [1.0, 1.0]
