@@ -1,6 +1,6 @@
 """Direction problems as a test set of qpbenchmark (Caron et al.): a Parquet file that its `ParquetTestSet` reads.
 
-    min ½xᵀPx + qᵀx   s.t.   Gx ≤ h,   Ax = b,   lb ≤ x ≤ ub        P = I, q = −g, G = −J_I, h = −b_I, A = J_E
+    min ½xᵀPx + qᵀx   s.t.   Gx ≤ h,   Ax = b,   lb ≤ x ≤ ub        P = M, q = −g, G = −J_I, h = −b_I, A = J_E
 
 One row per problem; matrices flattened row by row, null where a part is missing, and a name.
 """
@@ -32,10 +32,12 @@ class MissingExportError(MissingPackageError):
 def write_test_set(problems: Sequence[DirectionProblem], names: Sequence[str], path: Path) -> None:
     """The Parquet file; rows that are switched off (b = −∞) are left out.
 
-    Raises MissingExportError without pyarrow, ValueError unless there is one name for each problem.
+    Raises MissingExportError without pyarrow, ValueError unless there is one name for each problem, none with a radius.
     """
     if len(names) != len(problems):
         raise ValueError(f"names should be {len(problems)}, one for each problem; found {len(names)}")
+    if any(problem.radius is not None for problem in problems):
+        raise ValueError("problems to export should have no radius, which makes them no QPs; found one that has")
     try:
         import pyarrow
         import pyarrow.parquet
@@ -67,7 +69,8 @@ def _names(recording: Recording) -> Iterator[str]:
 def _row(problem: DirectionProblem) -> dict[str, Any]:
     inequality = ~problem.equality & (problem.bound > -np.inf)
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
-    row["P"], row["q"] = np.eye(problem.n).ravel(), -problem.gradient
+    M = np.ones(problem.n) if problem.metric is None else problem.metric
+    row["P"], row["q"] = (np.diag(M) if M.ndim == 1 else M).ravel(), -problem.gradient
     if inequality.any():
         row["G"], row["h"] = -problem.jacobian[inequality].ravel(), -problem.bound[inequality]
     if problem.equality.any():

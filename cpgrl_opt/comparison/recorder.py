@@ -61,7 +61,7 @@ class Recorder:
 
     runs: which ones the training advances in lockstep, in order; chosen: by `stretches`; training: its name.
     A problem without an active constraint (its answer is d = g) is not kept, nor is one that was only handed to
-    another solver. Memory: the kept problems, and those of one update.
+    another solver. Memory: the kept problems, and those of one update. ValueError for problems with metric or radius.
     """
 
     def __init__(self, runs: Sequence[int], chosen: Sequence[Stretch], training: str, selection: str = "") -> None:
@@ -75,6 +75,8 @@ class Recorder:
 
     def __call__(self, problems: ProblemBatch, answers: DirectionBatch) -> None:  # noqa: ARG002 - an Observer
         """Keeps what belongs to the chosen updates; the first call after `next_episode` has every run's problems."""
+        if problems.metric is not None or problems.radius is not None:
+            raise ValueError("problems to record should have no metric and no radius; found one that has")
         self._shape = problems.jacobian.shape[1:]
         is_open = [k for k in self._kept if self._chosen[k].first <= self.episode <= self._chosen[k].last]
         if not is_open:

@@ -9,16 +9,17 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from cpgrl_opt import FORMULATIONS, Direction, DirectionBatch, DirectionProblem, DirectionSolver, ProblemBatch, Status
-from cpgrl_opt.solvers import compile_kernels, is_installed, solve_batch, solver_named, supports
-from cpgrl_opt.step import DROP_RULES
+from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
+from cpgrl_opt.solvers import compile_kernels, is_installed, solver_named
+from cpgrl_opt.step import DROP_RULES, Observer
 from envs import ThreeStateMDP
 
-from ..learners import CPGRL
+from ..learners import CPGRL, Learner, LearnerUpdate
 from ..policies import SoftmaxTable
 from ..policies.interface import require_count
 from ..training import train, uniform_parameters
@@ -105,8 +106,8 @@ class CaseOutcome:
 
     exact: (R, 1 + K, 1 + m), true averages before the first update and after each of the common ones; last: (R, 1 + m)
     at the case's end; uncertified: (R,), updates in which an answer of the solver came without certificate (active-set
-    took over, or θ stayed). statuses: the solver's answers by the name of their Status; solver_seconds: CPU per update
-    of all runs, spent in the solver alone; seconds: wall time of the training.
+    took over, or θ stayed). statuses: the solver's answers by the name of their Status; update_seconds: CPU per
+    update of all runs, without the estimate; seconds: wall time of the training.
     """
 
     case: Case
@@ -114,7 +115,7 @@ class CaseOutcome:
     last: Float[np.ndarray, "R channels"]
     uncertified: Int[np.ndarray, "R"]
     statuses: Mapping[str, int]
-    solver_seconds: float
+    update_seconds: float
     seconds: float
 
 
@@ -127,30 +128,32 @@ class Progress:
 
 
 @dataclass(eq=False)
-class _Counted:
-    """A solver whose answers are counted by status, and its CPU seconds with them."""
+class _Timed:
+    """A learner whose updates are timed, and its solver's own answers counted by status."""
 
-    solver: DirectionSolver
+    learner: Learner
     statuses: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0
+    _has_failed: bool = False
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """As the solver says."""
-        return supports(self.solver, problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The solver's answer, counted."""
-        return self.solve_batch(ProblemBatch.stack([problem]))[0]
-
-    def solve_batch(self, problems: ProblemBatch) -> DirectionBatch:
-        """The solver's answers; those to problems with an active constraint are counted."""
+    def update(
+        self, linearization: Linearization, memory: Any = None, observe: Observer | None = None
+    ) -> LearnerUpdate:
+        """The learner's, its CPU seconds added."""
         begun = process_time()
-        answers = solve_batch(self.solver, problems)
+        update = self.learner.update(linearization, memory, observe)
         self.seconds += process_time() - begun
+        return update
+
+    def observe(self, problems: ProblemBatch, answers: DirectionBatch) -> None:
+        """Counts answers to problems with an active constraint; those of a fallback, which follow failures, are not."""
+        if self._has_failed:
+            self._has_failed = False
+            return
+        self._has_failed = bool((answers.status > Status.INFEASIBLE).any())
         constrained = (problems.bound > -np.inf).any(axis=1)
         for status, number in zip(*np.unique(answers.status[constrained], return_counts=True), strict=True):
             self.statuses[Status(int(status)).name] += int(number)
-        return answers
 
 
 def compare_three_state(
@@ -178,11 +181,14 @@ def train_case(item: tuple[ComparisonSettings, Case], report: Callable[[int], No
     """One case, all runs in lockstep; reports how many updates were done since it last did."""
     settings, case = item
     training, mdp = settings.training, ThreeStateMDP()
+    common = settings.common  # which asks every solver what it takes: once
     compile_kernels()
     table, initial = SoftmaxTable(mdp.states, mdp.actions), uniform_parameters(mdp.states * mdp.actions)
-    counted = _Counted(solver_named(case.solver))
     step = replace(
-        training.step(), solver=counted, formulation=case.formulation, drop=case.drop or training.step().drop
+        training.step(),
+        solver=solver_named(case.solver),
+        formulation=case.formulation,
+        drop=case.drop or training.step().drop,
     )
     exact, uncertified, reported = [], np.zeros(training.runs, np.int64), 0
     begun = ticked = perf_counter()
@@ -192,21 +198,23 @@ def train_case(item: tuple[ComparisonSettings, Case], report: Callable[[int], No
         first.append(initial(rng))
         return first[-1]
 
+    timed = _Timed(CPGRL(step, training.thresholds))
     records = train(
-        mdp, table, training.estimator(), CPGRL(step, training.thresholds),
+        mdp, table, training.estimator(), timed,
         episodes=case.episodes, runs=training.runs, seed=training.seed, initial=draw,
+        observe=timed.observe,
     )  # fmt: skip
     exact.append(mdp.average_rewards(table.probabilities(np.array(first))))
     for record in records:
         counts = record.update.counts
         uncertified += (counts["fallback"] + counts["skipped"]) > 0
-        if record.episode <= settings.common:
+        if record.episode <= common:
             exact.append(mdp.average_rewards(table.probabilities(record.parameters)))
         if perf_counter() - ticked > _TICK or record.episode == case.episodes:
             report(record.episode - reported)
             ticked, reported = perf_counter(), record.episode
     last = mdp.average_rewards(table.probabilities(record.parameters))
     return CaseOutcome(
-        case, np.stack(exact, axis=1), last, uncertified, dict(counted.statuses),
-        counted.seconds / case.episodes, perf_counter() - begun,
+        case, np.stack(exact, axis=1), last, uncertified, dict(timed.statuses),
+        timed.seconds / case.episodes, perf_counter() - begun,
     )  # fmt: skip

@@ -100,7 +100,7 @@ def comparison_table(
             for mean, low, high, (_, _, form) in zip(means, lows, highs, MEASURES, strict=True)
         ]
         statuses = ", ".join(f"{outcome.statuses[name]} {name}" for name in _statuses(outcome))
-        timed = f"{1e3 * outcome.solver_seconds:.2f}"
+        timed = f"{1e3 * outcome.update_seconds:.2f}"
         rows.append([case.formulation, case.drop or "–", case.solver, str(case.episodes), *cells, statuses, timed])
     return rows
 
@@ -116,7 +116,7 @@ def legend(settings: ComparisonSettings) -> str:
         "update; cases whose solver is not compiled have fewer updates. All averages are exact. Constrained return: "
         "ρ¹ − Σ μ(G − ρ)₊ with the optimum's multipliers μ, at most the constrained optimum. Uncertified steps: "
         "updates of a run in which an answer came without certificate and active-set took over. Statuses: of the "
-        "solver's own answers to problems with an active constraint. ms: CPU in the solver per update of all runs."
+        "solver's own answers to problems with an active constraint. ms: CPU of an update of all runs."
     )
 
 
@@ -138,7 +138,7 @@ def comparison_summary(settings: ComparisonSettings, outcomes: Sequence[CaseOutc
                 "solver": outcome.case.solver,
                 "updates": outcome.case.episodes,
                 "statuses": dict(outcome.statuses),
-                "solver_seconds_per_update": outcome.solver_seconds,
+                "seconds_per_update": outcome.update_seconds,
                 "training_seconds": round(outcome.seconds, 3),
             }
             for outcome in outcomes

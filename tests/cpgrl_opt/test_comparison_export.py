@@ -12,6 +12,8 @@ PROBLEMS = [
     DirectionProblem([1.0, -2.0, 0.5], [[1.0, 0.2, 0.0], [0.0, 1.0, -1.0]], bound=[0.5, 0.1], equality=[False, True]),
     DirectionProblem([1.0, 2.0], [[1.0, 0.0]], bound=[-np.inf]),
     DirectionProblem([1.0, 2.0], [[1.0, 1.0]], equality=True),
+    DirectionProblem([1.0, 2.0], [[1.0, 1.0]], bound=[4.0], metric=[[2.0, 0.5], [0.5, 1.0]]),
+    DirectionProblem([1.0, 2.0], [[1.0, 1.0]], bound=[4.0], metric=[2.0, 0.5]),
 ]
 
 
@@ -32,9 +34,9 @@ def as_qpbenchmark_reads(path):
 def test_a_test_set_read_back_has_the_same_solutions(tmp_path):
     pytest.importorskip("pyarrow", reason="pyarrow is not installed: the extra 'export'")
     qpsolvers = pytest.importorskip("qpsolvers")
-    write_test_set(PROBLEMS, list("wxyz"), tmp_path / "set.parquet")
+    write_test_set(PROBLEMS, list("uvwxyz"), tmp_path / "set.parquet")
     read = list(as_qpbenchmark_reads(tmp_path / "set.parquet"))
-    assert [name for name, _ in read] == list("wxyz")
+    assert [name for name, _ in read] == list("uvwxyz")
     for problem, (_, arrays) in zip(PROBLEMS, read, strict=True):
         solution = qpsolvers.solve_problem(qpsolvers.Problem(**arrays), "quadprog")
         np.testing.assert_allclose(solution.x, SOLVERS["active-set"].solve(problem).value, atol=1e-9)
@@ -61,5 +63,10 @@ def test_without_pyarrow_the_message_is_what_to_type(tmp_path, monkeypatch):
 
 
 def test_problems_without_a_name_each_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="names should be 4, one for each problem; found 1"):
+    with pytest.raises(ValueError, match="names should be 6, one for each problem; found 1"):
         write_test_set(PROBLEMS, ["x"], tmp_path / "set.parquet")
+
+
+def test_a_trust_region_is_no_quadratic_program(tmp_path):
+    with pytest.raises(ValueError, match="should have no radius"):
+        write_test_set([DirectionProblem([1.0], [[1.0]], radius=1.0)], ["x"], tmp_path / "set.parquet")

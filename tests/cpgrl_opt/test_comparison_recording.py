@@ -10,7 +10,7 @@ from cpgrl_opt import ConstrainedStep, Linearization, kkt_residuals
 from cpgrl_opt.comparison.recorder import Recorder, in_words, stretches
 from cpgrl_opt.comparison.recording import SHIPPED, joined, load_recording, shipped_recording
 from cpgrl_opt.problem import ProblemBatch
-from cpgrl_opt.solvers import ActiveSet, Rosen
+from cpgrl_opt.solvers import SOLVERS, ActiveSet, Rosen
 
 RUNS, EPISODES, N = 3, 30, 5
 
@@ -222,3 +222,11 @@ def test_a_recorder_that_was_not_told_of_the_next_episode_says_what_it_expected(
     problems = ProblemBatch(np.ones((3, 2)), np.ones((3, 1, 2)), np.zeros((3, 1)), np.ones((3, 1), bool))
     with pytest.raises(ValueError, match="one or two for each of 2 runs; found 3"):
         recorder(problems, Rosen().solve_batch(problems))
+
+
+def test_problems_in_a_metric_are_refused_rather_than_recorded_without_it():
+    problems = ProblemBatch(
+        np.ones((1, 2)), np.ones((1, 1, 2)), np.zeros((1, 1)), np.ones((1, 1), bool), np.ones((1, 2))
+    )
+    with pytest.raises(ValueError, match="should have no metric"):
+        Recorder([0], stretches(100, 1, 2), "toy")(problems, SOLVERS["enumeration"].solve_batch(problems))
