@@ -24,7 +24,7 @@ class NNLS(LoopsOverBatches):
 
     package: ClassVar[str] = "scipy"
     source: ClassVar[str] = "Lawson & Hanson 1974, ch. 23 (LDP)"
-    guarantee: ClassVar[str] = "exact: finite active-set method"
+    guarantee: ClassVar[str] = "finite active-set method (scipy), certified or UNCERTIFIED"
 
     def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
         """Equalities, cones and bounds."""
