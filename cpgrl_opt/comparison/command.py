@@ -128,7 +128,12 @@ def versions(solvers: Sequence[str]) -> dict[str, str]:
 
 def machine() -> dict[str, object]:
     """Operating system, processor and cores."""
-    return {"system": platform.platform(), "processor": _processor(), "cores": os.cpu_count() or 1}
+    return {
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+    }
 
 
 def _processor() -> str:
