@@ -113,7 +113,7 @@ def test_a_farkas_vector_with_more_than_an_impossible_zero_row_must_cancel_too()
 def test_what_is_called_infeasible_violates_least(name):
     """Rows 1e-7 … 1e-12 rad from opposing: a conflicting sub-answer was passed on, far from the least."""
     rng, judged = np.random.default_rng(7), 0
-    for _ in range(60):
+    for _ in range(60 if name == "active-set" else 15):
         m, n = int(rng.integers(2, 6)), int(rng.integers(2, 5))
         rows = rng.normal(size=(m, n))
         rows[1] = -rows[0] + 10.0 ** rng.integers(-12, -5) * rng.normal(size=n)
