@@ -13,7 +13,7 @@ from cpgrl_opt.solvers import is_installed, solve_batch, supports
 SEEDS = st.integers(0, 2**32 - 1)
 ACTIVE_SET = SOLVERS["active-set"]
 INSTALLED = [name for name, solver in SOLVERS.items() if is_installed(solver)]
-FAST = settings(max_examples=10)
+FAST = settings(max_examples=6)
 
 
 def random_metric(rng, n, kind):

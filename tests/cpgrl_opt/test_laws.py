@@ -10,8 +10,8 @@ from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.testing import LAWS, check_direction_solver, parametrize_with_checks
 
 # Problems a law, as a part of the profile's examples: by what a problem costs, and by what rests on the solver.
-SHARES = {"active-set": 0.25, "rosen": 0.12, "nnls": 0.12, "enumeration": 0.12, "cvxpy": 0.05}
-OTHERS = 0.09
+SHARES = {"active-set": 0.16, "rosen": 0.08, "nnls": 0.08, "enumeration": 0.08, "cvxpy": 0.04}
+OTHERS = 0.06
 INSTALLED = {name: solver for name, solver in SOLVERS.items() if is_installed(solver)}
 
 # The drop rule never takes a constraint back, so it is the cone projection for one constraint, and mostly for more;
@@ -43,6 +43,6 @@ def test_no_solver_is_silently_wrong_on_hostile_problems(name):
 
 def test_the_drop_rule_declines_where_it_is_wrong():
     law = "check_stationarity"
-    verdict = check_direction_solver(SOLVERS["rosen-drop"], checks=[law], max_examples=200)
+    verdict = check_direction_solver(SOLVERS["rosen-drop"], checks=[law], max_examples=100)
     assert verdict[law].declined > 0
     assert verdict[law].failed == 0
