@@ -1,6 +1,5 @@
 """The paper's first experiment (§3): CPGRL, CONB and SUM on the three-state MDP, beside exact averages."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -182,22 +181,22 @@ def train_method(item: tuple[ThreeStateSettings, str], report: Listener) -> Meth
     watcher = _watcher(settings, method)
     records = _records(settings, method, first, watcher)
     report(Snapshot(method, 0, np.array(first), np.zeros((settings.runs, len(settings.thresholds) + 1))))
-    steps, counts = 0, Counter[str]()
+    counted: dict[str, np.ndarray] = {"steps": np.zeros(settings.runs, dtype=np.int64)}  # summed over runs at the end
     for record in records:
         if watcher is not None:
             watcher.next_episode()
-        steps += int(record.estimate.steps.sum())
+        counted["steps"] += record.estimate.steps
         for name, number in record.update.counts.items():
-            counts[name] += int(number.sum())
+            counted[name] = counted[name] + number if name in counted else number
         if record.episode % settings.record_every == 0 or record.episode == settings.episodes:
             report(Snapshot(method, record.episode, record.parameters, record.estimate.values))
         elif perf_counter() - ticked > _TICK:
             ticked = perf_counter()
             report(Tick(method, record.episode))
     seconds = perf_counter() - begun
-    return MethodOutcome(
-        steps, seconds, begun - started, dict(counts), None if watcher is None else watcher.recording()
-    )
+    counts = {name: int(number.sum()) for name, number in counted.items()}
+    recording = None if watcher is None else watcher.recording()
+    return MethodOutcome(counts.pop("steps"), seconds, begun - started, counts, recording)
 
 
 def _watcher(settings: ThreeStateSettings, method: str) -> ProblemRecorder | None:
