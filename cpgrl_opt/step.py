@@ -191,12 +191,12 @@ class _Run:
                 self.drop(constraints, tangent, restoration, multipliers)
                 still = self.vanishes(tangent, constraints)
             still &= (multipliers >= 0).all(axis=1)
-        still &= self.counts["skipped"] == 0  # the zeros of a failed solver are no optimum
         change = settings.step_size * tangent
         if restoration is not None:
             change += settings.restoration_rate * restoration
         if np.count_nonzero(self.counts["skipped"]):
-            change[self.counts["skipped"] > 0] = 0.0
+            skipped = self.counts["skipped"] > 0
+            change[skipped], still[skipped] = 0.0, False  # the zeros of a failed solver are no optimum
         return change[:, :n], still
 
     def without_flat(self, constraints: ActiveConstraints) -> ActiveConstraints:
@@ -204,7 +204,7 @@ class _Run:
         kept = np.empty_like(constraints.active)
         gradients, active = constraints.gradients, constraints.active
         extreme = step_kernels().leave_out_flat(gradients, active, kept, self.counts["flat"])
-        constraints = replace(constraints, active=kept)
+        constraints = ActiveConstraints(gradients, constraints.target, kept)
         return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
