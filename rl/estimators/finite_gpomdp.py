@@ -58,6 +58,7 @@ class FiniteGPOMDP:
         self.random_states = np.array([random_state(stream) for stream in streams])
         self.average = StoredAverage(settings.average, settings.average_rate, len(streams), channels)
         self.shape = (len(streams), channels, states * actions)
+        self.taken, self.events = np.full(len(streams), self.steps), np.zeros(len(streams), dtype=np.int64)
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run in one compiled call."""
@@ -78,9 +79,7 @@ class FiniteGPOMDP:
             gradients,
             rewards,
         )
-        runs = len(rewards)
-        taken, events = np.full(runs, self.steps), np.zeros(runs, dtype=np.int64)
-        return Estimate(self.average.store(rewards), gradients, taken, rewards, events)
+        return Estimate(self.average.store(rewards), gradients, self.taken.copy(), rewards, self.events.copy())
 
 
 @kernel("void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])")

@@ -32,7 +32,8 @@ CONTRADICTED = {"all-choose-a1-in-s1"}
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     directory = tmp_path_factory.mktemp("small")
-    return reproduce_three_state(SMALL, directory), directory
+    # In processes of their own, trainings are not slowed by the shape checks of the tests.
+    return reproduce_three_state(SMALL, directory, processes=2), directory
 
 
 def rows(directory: Path) -> list[dict[str, str]]:
