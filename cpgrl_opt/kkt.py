@@ -26,6 +26,7 @@ Nocedal & Wright, Numerical Optimization, Theorem 12.1; without a radius they ar
 convex. With one they are sufficient too, the problem being convex; but which of several optima it is they do not say.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -236,7 +237,10 @@ def _zero_row_impossible(problem: DirectionProblem, y: Multipliers) -> Mask:
 
 
 def _norm(vector: np.ndarray) -> float:
-    return float(lengths(vector))
+    """‖v‖₂, without the overhead of `lengths` where the square neither over- nor underflows."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        square = float(vector @ vector)
+    return math.sqrt(square) if 1e-280 < square < 1e280 else float(lengths(vector))
 
 
 def _largest(values: np.ndarray) -> float:

@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from hypothesis import HealthCheck, Phase, Verbosity, configuration, given, seed, settings
@@ -12,9 +13,12 @@ from hypothesis import HealthCheck, Phase, Verbosity, configuration, given, seed
 from ..solvers.interface import DirectionSolver
 from .law import LawBroken, Outcome
 from .laws import Law
+from .strategies import Case
 
 # Shrinking asks the solver this often at most: slow solvers then keep a counterexample that is not quite minimal.
 _SHRINKING_CALLS = 400
+# Problems kept for the next solver, a few kilobytes each.
+_MOST_KEPT = 20_000
 
 
 @dataclass
@@ -51,10 +55,12 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
         found.declined += outcome == Outcome.DECLINED
         found.skipped += outcome == Outcome.SKIPPED
 
-    arguments = law.arguments(law.applies_to(solver))
-    draws = _Draws(arguments, max_examples, zlib.crc32(law.name.encode()) + number)
+    draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
+    for arguments in draws.kept() if max_examples <= _MOST_KEPT else ():
+        count(arguments)
     with _storage_elsewhere():
-        draws.each(count, (Phase.generate,))
+        if max_examples > _MOST_KEPT:
+            draws.each(count, (Phase.generate,))
         if found.broken:
             found.arguments, found.message = _smallest(law, solver, draws)
     return found
@@ -74,7 +80,7 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
         found.declined += outcome == Outcome.DECLINED
         found.skipped += outcome == Outcome.SKIPPED
 
-    draws = _Draws(law.arguments(law.applies_to(solver)), max_examples, zlib.crc32(law.name.encode()) + number)
+    draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
     with _storage_elsewhere(), suppress(_Enough):
         draws.each(judge, (Phase.generate,))
     return found
@@ -84,9 +90,18 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
 class _Draws:
     """The same arguments each time they are gone through, as long as nothing fails."""
 
-    arguments: Any
+    law: Law
+    cases: tuple[Case, ...]
     max_examples: int
     number: int
+
+    @lru_cache(maxsize=4)  # noqa: B019 - a few, by value
+    def kept(self) -> tuple[dict[str, Any], ...]:
+        """All of them: drawing takes longer than solving, and the next solver is given the same."""
+        drawn: list[dict[str, Any]] = []
+        with _storage_elsewhere():
+            self.each(drawn.append, (Phase.generate,))
+        return tuple(drawn)
 
     def each(self, judge: Callable[[dict[str, Any]], None], phases: tuple[Phase, ...]) -> None:
         chosen = settings(
@@ -104,8 +119,8 @@ class _Draws:
         def asked(arguments: dict[str, Any]) -> None:
             judge(arguments)
 
-        test: Callable[[], None] = chosen(given(self.arguments)(asked))  # type: ignore[no-untyped-call]
-        seed(self.number)(test)()
+        test: Callable[[], None] = chosen(given(self.law.arguments(self.cases))(asked))
+        seed(zlib.crc32(self.law.name.encode()) + self.number)(test)()
 
 
 class _Enough(KeyboardInterrupt):

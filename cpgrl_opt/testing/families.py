@@ -6,6 +6,7 @@ may decline but not lie; `infeasible_problems` (in `strategies`) are those witho
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from hypothesis import strategies as st
@@ -215,16 +216,16 @@ HOSTILE = (
 
 def well_posed_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
     """All families whose answer float64 determines, those of the given cases."""
-    return _mixed(WELL_POSED, cases)
+    return _mixed(WELL_POSED, tuple(cases))
 
 
 def hostile_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
     """Everything: well-posed, beyond float64, infeasible, and nearly so."""
-    return _mixed((*WELL_POSED, *HOSTILE), cases)
+    return _mixed((*WELL_POSED, *HOSTILE), tuple(cases))
 
 
-@st.composite
-def _mixed(draw: st.DrawFn, families: Collection[Family], cases: Collection[Case]) -> DirectionProblem:
+@cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
+def _mixed(families: tuple[Family, ...], cases: tuple[Case, ...]) -> Problems:
     """A problem of any of the families, often with all gradients short or long, or rows of very different lengths."""
     constraints, known = constraints_of(cases), (None, *cases)
     if not any(not case.is_geometry for case in cases):  # nothing but geometries is asked for
@@ -234,7 +235,14 @@ def _mixed(draw: st.DrawFn, families: Collection[Family], cases: Collection[Case
         for family in families
         if family.geometry in known
     ]
-    problem = draw(st.one_of([family.problems(own) for family, own in applicable if own for _ in range(family.weight)]))
+    return _at_any_scale(
+        st.one_of([family.problems(own) for family, own in applicable if own for _ in range(family.weight)])
+    )
+
+
+@st.composite
+def _at_any_scale(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
+    problem = draw(problems)
     return rescaled(problem, draw(_EXACT_SCALES), row_factors(draw, problem.m, draw(_EXACT_ROW_SCALES)))
 
 

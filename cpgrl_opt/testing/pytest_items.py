@@ -59,9 +59,9 @@ def parametrize_with_checks(
         for check in reasons:
             require_member("check in expected_failures", check, tuple(LAWS))
     items = []
-    for name, solver in solvers.items():
-        examples = max_examples.get(name) if isinstance(max_examples, Mapping) else max_examples
-        for law in LAWS.values():
+    for law in LAWS.values():  # law by law: all solvers are given the problems that were drawn for the first
+        for name, solver in solvers.items():
+            examples = max_examples.get(name) if isinstance(max_examples, Mapping) else max_examples
             item = SolverCheck(law, expected.get(name, {}).get(law.name, ""), examples, seed)
             items.append(pytest.param(solver, item, id=f"{name}-{law.name.removeprefix('check_')}"))
     return pytest.mark.parametrize(("solver", "check"), items)

@@ -1,0 +1,162 @@
+"""Does every correct solver pass thousands of problems a law, and how many does it decline?
+
+Each law of `cpgrl_opt.testing` is put to each solver of `SOLVERS` that is installed, on as many problems as the
+Hypothesis profile `nightly` asks for, the same that `pytest tests/cpgrl_opt/test_laws.py` draws under that profile:
+one seed for each law, so all solvers that take the same cases are given the same problems.
+`rosen-drop` is left out: it is not the cone projection, and says so.
+
+    python benchmarks/nightly_laws.py [--max-examples 10000] [--solvers active-set,daqp] [--processes 2] [--out FOLDER]
+
+A law and solver whose row is in FOLDER/nightly_laws.csv is not run again: a run that was cut off is taken up where it
+was. Rows name the sources they were measured on (a digest of cpgrl_opt/), and the page says so if they differ.
+Limitations: laws are put to generated problems of at most five rows; the seed is fixed, so a second run finds nothing
+new. Exit status 1 if a law broke.
+"""
+
+import argparse
+import csv
+import hashlib
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import cpgrl_opt
+from cpgrl_opt import SOLVERS
+from cpgrl_opt.solvers import is_installed
+from cpgrl_opt.testing import LAWS
+from cpgrl_opt.testing.verdict import check_law
+
+NOT_A_PROJECTION = "rosen-drop"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one law under one solver; `run` problems were asked about, `problem` is what broke."""
+
+    law: str
+    solver: str
+    max_examples: int
+    run: int
+    declined: int
+    skipped: int
+    failed: int
+    cpu_seconds: float
+    sources: str
+    problem: str
+
+
+def main() -> None:
+    """Run what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--max-examples", type=int, default=10_000)
+    parser.add_argument("--solvers", default=",".join(correct_solvers()), help="names, separated by commas")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    arguments = parser.parse_args()
+    names = arguments.solvers.split(",")
+    if unknown := set(names) - set(correct_solvers()):
+        parser.error(f"--solvers should be of {', '.join(correct_solvers())}; found {', '.join(sorted(unknown))}")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    record = arguments.out / "nightly_laws.csv"
+    if not record.exists():
+        record.write_text(",".join(each.name for each in fields(Row)) + "\n", encoding="utf-8")
+    known = rows_in(record)
+    done = {(row.law, row.solver) for row in known if row.max_examples >= arguments.max_examples and not row.problem}
+    missing = {law: [name for name in names if (law, name) not in done] for law in LAWS}
+    with ProcessPoolExecutor(arguments.processes) as pool:
+        tasks = [pool.submit(examined, law, which, arguments.max_examples, record) for law, which in missing.items()]
+        for task in as_completed(tasks):
+            task.result()
+    rows = [row for row in rows_in(record) if row.max_examples >= arguments.max_examples]
+    (arguments.out / "nightly_laws.md").write_text(page(rows, arguments.max_examples), encoding="utf-8")
+    sys.exit(any(row.problem for row in rows))
+
+
+def correct_solvers() -> list[str]:
+    """The installed solvers that claim to project."""
+    return [name for name, solver in SOLVERS.items() if name != NOT_A_PROJECTION and is_installed(solver)]
+
+
+def examined(law: str, names: list[str], max_examples: int, record: Path) -> None:
+    """One law put to the solvers one after the other, a row written after each."""
+    for name in names:
+        start = time.process_time()
+        result = check_law(LAWS[law], SOLVERS[name], max_examples=max_examples)
+        counts = (result.run, result.declined, result.skipped, result.failed)
+        seconds = round(time.process_time() - start, 1)
+        append(record, Row(law, name, max_examples, *counts, seconds, sources(), " ".join(result.problem.split())))
+
+
+def sources() -> str:
+    """Eight digits that change with any source of the package."""
+    folder = Path(cpgrl_opt.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:8]
+
+
+def append(record: Path, row: Row) -> None:
+    """One line, in one write: several processes share the file."""
+    with record.open("a", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerow(astuple(row))
+
+
+def rows_in(record: Path) -> list[Row]:
+    """The rows of the record, the last of each law and solver."""
+    with record.open(newline="", encoding="utf-8") as file:
+        rows = [_row(line) for line in csv.DictReader(file)]
+    return list({(row.law, row.solver): row for row in rows}.values())
+
+
+def _row(line: dict[str, str]) -> Row:
+    return Row(**{each.name: each.type(line[each.name]) for each in fields(Row)})  # type: ignore[operator, arg-type]
+
+
+def page(rows: list[Row], max_examples: int) -> str:
+    """Markdown: problems run and declined, a line a law and a column a solver, and what broke."""
+    cells = {(row.law, row.solver): row for row in rows}
+    names = [name for name in SOLVERS if any(row.solver == name for row in rows)]
+    broken = [row for row in rows if row.problem]
+    head = "| law | " + " | ".join(names) + " |\n|---|" + "--:|" * len(names)
+    lines = [f"| {_label(law)} | " + " | ".join(_cells(cells, law, names)) + " |" for law in LAWS]
+    versions = sorted({row.sources for row in rows})
+    return (
+        "\n\n".join(
+            [
+                f"# Laws on {max_examples} problems each",
+                f"`python benchmarks/nightly_laws.py --max-examples {max_examples}`: {len(rows)} laws under solvers, "
+                f"{sum(row.run for row in rows)} problems run, {len(broken)} broken; "
+                f"{sum(row.cpu_seconds for row in rows) / 3600:.1f} hours of one core. "
+                f"Sources: {', '.join(versions)}.",
+                "A cell is how many problems the solver declined (it claimed nothing), of those that the law is about; "
+                "– where the solver does not take the law's cases, or has not what the law is about; ✗ where the law "
+                "broke; empty where it was not run. Laws with a * include problems that no solver need answer.",
+                "\n".join([head, *lines]),
+                *(f"**{row.law}, {row.solver}**: {row.problem}" for row in broken),
+            ]
+        )
+        + "\n"
+    )
+
+
+def _label(law: str) -> str:
+    return law.removeprefix("check_") + (" *" if LAWS[law].may_decline else "")
+
+
+def _cells(cells: dict[tuple[str, str], Row], law: str, names: list[str]) -> Iterator[str]:
+    for name in names:
+        row = cells.get((law, name))
+        if row is None:
+            yield ""
+        elif row.problem:
+            yield "✗"
+        else:
+            yield str(row.declined) if row.run else "–"
+
+
+if __name__ == "__main__":
+    main()
