@@ -8,7 +8,7 @@ one seed for each law, so all solvers that take the same cases are given the sam
     python benchmarks/nightly_laws.py [--max-examples 10000] [--solvers active-set,daqp] [--processes 2] [--out FOLDER]
 
 A law and solver whose row is in FOLDER/nightly_laws.csv is not run again: a run that was cut off is taken up where it
-was. Rows name the sources they were measured on (a digest of cpgrl_opt/), and the page says so if they differ.
+was. Rows name the sources they were measured on (a digest of the solvers, the referee and the laws), and the page says so if they differ.
 Limitations: laws are put to generated problems of at most five rows; the seed is fixed, so a second run finds nothing
 new. Exit status 1 if a law broke.
 """
@@ -91,10 +91,11 @@ def examined(law: str, names: list[str], max_examples: int, record: Path) -> Non
 
 
 def sources() -> str:
-    """Eight digits that change with any source of the package."""
+    """Eight digits that change with any source of the problems, the referee, the solvers and the laws."""
     folder = Path(cpgrl_opt.__file__).parent
+    paths = [folder / f"{name}.py" for name in ("problem", "metric", "direction", "kkt", "projection")]
     digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
+    for path in [*paths, *sorted((folder / "solvers").rglob("*.py")), *sorted((folder / "testing").rglob("*.py"))]:
         digest.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:8]
 
