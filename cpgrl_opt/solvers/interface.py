@@ -61,6 +61,15 @@ class MissingPackageError(ImportError):
         )
 
 
+class UnusablePackageError(MissingPackageError):
+    """A solver's package is installed, yet cannot be imported, e.g. for want of a system library; says why."""
+
+    def __init__(self, solver: str, package: str, reason: ImportError) -> None:
+        ImportError.__init__(
+            self, f"solver {solver!r} needs the package {package}, which is installed but cannot be imported: {reason}"
+        )
+
+
 def tolerance_of(solver: DirectionSolver) -> float:
     """The worst KKT residual that the solver allows an OPTIMAL answer."""
     return float(getattr(solver, "tolerance", DEFAULT_TOLERANCE))

@@ -17,7 +17,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches, MissingPackageError
-from .packages import has_package
+from .packages import has_package, require_import
 from .preparation import solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
@@ -165,13 +165,13 @@ class QPSolversBackend(LoopsOverBatches):
         return True
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; see `Status`. Raises MissingPackageError."""
+        """The certified direction; see `Status`. Raises MissingPackageError, UnusablePackageError."""
         if not (has_package(self.package) and has_package("qpsolvers")):
             raise MissingPackageError(self.name, self.package, BACK_ENDS[self.name].extra)
         return solve_prepared(problem, self._solve_reduced, tolerance=self.tolerance, polish=self.polish)
 
     def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
-        from qpsolvers import ProblemError, SolverError, solve_problem
+        from qpsolvers import ProblemError, SolverError, SolverNotFound, solve_problem
 
         facts = BACK_ENDS[self.name]
         limit = facts.default_iteration_limit if self.iteration_limit is None else self.iteration_limit
@@ -181,6 +181,9 @@ class QPSolversBackend(LoopsOverBatches):
                 warnings.simplefilter("ignore")
                 program = quadratic_program(reduced, facts.is_sparse)
                 solution = solve_problem(program, self.name, verbose=False, **options)
+        except SolverNotFound:  # it takes every ImportError of the package for "not installed"
+            require_import(self.name, self.package)
+            raise
         except (ProblemError, SolverError):  # e.g. quadprog on dependent equalities
             return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
         return answer_of(reduced, solution)

@@ -4,6 +4,7 @@ import dataclasses
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from cpgrl_opt.solvers import (
     DirectionSolver,
     MissingPackageError,
     QPSolversBackend,
+    UnusablePackageError,
     is_installed,
     packages,
     solve_batch,
@@ -200,6 +202,18 @@ def test_a_missing_package_is_answered_with_what_to_type(name: str, monkeypatch:
     extra = "gpl" if name == "quadprog" else "solvers"
     with pytest.raises(MissingPackageError, match=rf"{name}.*pip install 'cpgrl-opt\[{extra}\]'"):
         solver.solve(cone(0))
+
+
+@pytest.mark.parametrize("name", OPTIONAL)
+def test_a_package_that_cannot_be_imported_says_why(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    solve_function = pytest.importorskip("qpsolvers.solvers").solve_function
+    package = SOLVERS[name].package
+    (tmp_path / f"{package}.py").write_text("raise ImportError('libgomp.so.1: cannot open')", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, package, raising=False)
+    monkeypatch.delitem(solve_function, name, raising=False)  # as qpsolvers does on any ImportError
+    with pytest.raises(UnusablePackageError, match=rf"{name}.*{package}.*cannot be imported: libgomp\.so\.1"):
+        SOLVERS[name].solve(cone(0))
 
 
 def test_importing_the_solvers_is_light() -> None:
