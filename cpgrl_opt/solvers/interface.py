@@ -60,6 +60,16 @@ class MissingPackageError(ImportError):
             f"type: pip install 'cpgrl-opt[{extra}]'"
         )
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As its message, and notes: a worker process raises it too, and pickle would call __init__ with that alone."""
+        return _rebuilt, (type(self), str(self)), vars(self)
+
+
+def _rebuilt(kind: type[MissingPackageError], message: str) -> MissingPackageError:
+    error = kind.__new__(kind, message)
+    ImportError.__init__(error, message)
+    return error
+
 
 class UnusablePackageError(MissingPackageError):
     """A solver's package is installed, yet cannot be imported, e.g. for want of a system library; says why."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cpgrl_opt.comparison.export import MissingExportError
 from cpgrl_opt.direction import DirectionBatch, Status
 from cpgrl_opt.problem import DirectionProblem, ProblemBatch
 from cpgrl_opt.solvers import (
@@ -214,6 +215,22 @@ def test_a_package_that_cannot_be_imported_says_why(name: str, tmp_path: Path, m
     monkeypatch.delitem(solve_function, name, raising=False)  # as qpsolvers does on any ImportError
     with pytest.raises(UnusablePackageError, match=rf"{name}.*{package}.*cannot be imported: libgomp\.so\.1"):
         SOLVERS[name].solve(cone(0))
+
+
+MISSING = [
+    MissingPackageError("daqp", "daqp", "solvers"),
+    UnusablePackageError("proxqp", "proxsuite", ImportError("libgomp.so.1")),
+    MissingExportError(),
+]
+
+
+@pytest.mark.parametrize("error", MISSING, ids=lambda error: type(error).__name__)
+def test_a_missing_package_is_told_by_worker_processes_too(error: MissingPackageError) -> None:
+    error.add_note("in a worker process")
+    arrived = pickle.loads(pickle.dumps(error))
+    assert type(arrived) is type(error)
+    assert arrived.__notes__ == ["in a worker process"]
+    assert str(arrived) == str(error) != ""
 
 
 def test_importing_the_solvers_is_light() -> None:
