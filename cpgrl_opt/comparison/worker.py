@@ -22,7 +22,8 @@ from typing import Any, BinaryIO
 
 from ..direction import Direction
 from ..problem import DirectionProblem
-from ..solvers import SOLVERS
+from ..solvers import SOLVERS, MissingPackageError
+from ..solvers.packages import require_import
 from .contestants import DEFAULT_SOLVER, contestant
 from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import FAMILIES, ProblemFamily
@@ -93,7 +94,8 @@ def serve() -> None:
                     send(noise.channel, reply)
             except Exception as error:  # the parent raises it; what a contestant raises does not come here
                 told = "".join(traceback.format_exception(error))
-                send(noise.channel, Refused(str(error) if isinstance(error, ValueError) else told))
+                is_known = isinstance(error, ValueError | MissingPackageError)
+                send(noise.channel, Refused(str(error) if is_known else told))
 
 
 class Bench:
@@ -177,10 +179,11 @@ def seconds_of(solve: Solve, problem: DirectionProblem, *, warm: bool = True) ->
 
 
 def load_packages(solver: str) -> None:
-    """Imports what a solver of SOLVERS stands on, so that no measurement does."""
+    """Imports what a solver of SOLVERS stands on, so that no measurement does. Raises UnusablePackageError."""
     package = getattr(SOLVERS.get(solver), "package", None)
     if package is not None:
-        for name in (package, "qpsolvers", "scipy.sparse", "scipy.optimize"):
+        require_import(solver, package)
+        for name in ("qpsolvers", "scipy.sparse", "scipy.optimize"):
             import_module(name)
 
 

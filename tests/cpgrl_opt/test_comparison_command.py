@@ -1,6 +1,7 @@
 """The body of `cpgrl compare`: what it writes, what it says, how it refuses."""
 
 import csv
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,6 +35,16 @@ def test_it_writes_the_files_says_what_is_missing_and_does_nothing_twice(
 
     monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
     assert compare(TINY, tmp_path).measurements == measurements
+
+
+def test_a_package_that_cannot_be_imported_is_no_crash_of_its_solver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scs.py").write_text("raise ImportError('libgomp.so.1: cannot open')", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "scs", raising=False)
+    with pytest.raises(ValueError, match=r"^solver 'scs' needs .* cannot be imported: libgomp\.so\.1: cannot open$"):
+        compare(replace(TINY, solvers=["scs"]), tmp_path / "out")
 
 
 def test_quick_is_a_part_of_the_whole() -> None:
