@@ -8,8 +8,8 @@ one seed for each law, so all solvers that take the same cases are given the sam
     python benchmarks/nightly_laws.py [--max-examples 10000] [--solvers active-set,daqp] [--processes 2] [--out FOLDER]
 
 A law and solver whose row is in FOLDER/nightly_laws.csv is not run again: a run that was cut off is taken up where it
-was. Rows name the sources they were measured on (a digest of the solvers, the referee and the laws), and the page says
-so if they differ.
+was. Rows name the sources they were measured on, by a digest of the solvers, the referee and the laws, and the page
+lists these.
 Limitations: laws are put to generated problems of at most five rows; the seed is fixed, so a second run finds nothing
 new. Exit status 1 if a law broke.
 """

@@ -49,7 +49,8 @@ class Linearization:
 
     def slack(self, thresholds: Float[np.ndarray, "m"]) -> Float[np.ndarray, "*runs m"]:
         """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""
-        return np.asarray(self.values[..., 1:] - thresholds)
+        slack: np.ndarray = self.values[..., 1:] - thresholds
+        return slack
 
 
 def _finite(name: str, values: ArrayLike) -> Float[np.ndarray, "..."]:

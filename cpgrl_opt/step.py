@@ -147,19 +147,18 @@ class ConstrainedStep:
             raise ValueError(
                 f"rule should return booleans of shape {slack.shape}; found {active.dtype} of shape {active.shape}"
             )
-        runs, count = slack.shape[:-1], math.prod(slack.shape[:-1])
-        gradients = np.ascontiguousarray(linearization.gradients)
+        runs = slack.shape[:-1]
+        gradients, active = np.ascontiguousarray(linearization.gradients), np.ascontiguousarray(active)
         if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
             gradients = gradients.copy()
-        constraints = ActiveConstraints(
-            gradients.reshape(count, channels, n),
-            np.maximum(-slack, 0.0).reshape(count, channels - 1),
-            np.ascontiguousarray(active).reshape(count, channels - 1),
-        )
-        run = _Run(self, observe, count)
-        change, stationary = run.step(constraints)
-        if runs == (count,):
+        if len(runs) == 1:
+            run = _Run(self, observe, runs[0])
+            change, stationary = run.step(run.admitted(gradients, slack, active))
             return StepResult(change, active, stationary, run.counts)
+        count = math.prod(runs)
+        run = _Run(self, observe, count)
+        stacked = gradients.reshape(count, channels, n), slack.reshape(count, -1), active.reshape(count, -1)
+        change, stationary = run.step(run.admitted(*stacked))
         counts = {name: counted.reshape(runs) for name, counted in run.counts.items()}
         return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), counts)
 
@@ -171,6 +170,7 @@ class _Run:
         self.settings = settings
         self.observe = observe
         self.counts = dict(zip(_COUNTS, np.zeros((len(_COUNTS), runs), np.int64), strict=True))
+        self.any_skipped = False
         self.geometry: StepGeometry | None = settings._geometry  # type: ignore[attr-defined]
 
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
@@ -179,32 +179,32 @@ class _Run:
         if self.geometry is not None:
             more = constraints.target.shape[1] if settings.ridge > 0 else 0
             self.geometry = self.geometry.for_parameters(n, more)
-        constraints = self.without_flat(constraints)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
         if settings.max_restoration < np.inf:
             constraints = self.capped(constraints)
         tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
-        still = self.vanishes(tangent, constraints)
-        if settings.formulation == "equality" and (settings.drop == "always" or np.count_nonzero(still)):
+        still, any_still = self.vanishes(tangent, constraints)
+        if (any_still or settings.drop == "always") and settings.formulation == "equality":
             if settings.drop != "never":
                 self.drop(constraints, tangent, restoration, multipliers)
-                still = self.vanishes(tangent, constraints)
+                still, _ = self.vanishes(tangent, constraints)
             still &= (multipliers >= 0).all(axis=1)
         change = settings.step_size * tangent
         if restoration is not None:
             change += settings.restoration_rate * restoration
-        if np.count_nonzero(self.counts["skipped"]):
+        if self.any_skipped:
             skipped = self.counts["skipped"] > 0
             change[skipped], still[skipped] = 0.0, False  # the zeros of a failed solver are no optimum
         return change[:, :n], still
 
-    def without_flat(self, constraints: ActiveConstraints) -> ActiveConstraints:
-        """𝒜 without the constraints whose gradient is 0."""
-        kept = np.empty_like(constraints.active)
-        gradients, active = constraints.gradients, constraints.active
-        extreme = step_kernels().leave_out_flat(gradients, active, kept, self.counts["flat"])
-        constraints = ActiveConstraints(gradients, constraints.target, kept)
+    def admitted(
+        self, gradients: Float[np.ndarray, "B channels n"], slack: np.ndarray, active: np.ndarray
+    ) -> ActiveConstraints:
+        """𝒜 without the constraints whose gradient is 0, and t = −min(slack, 0)."""
+        target, kept = np.empty(slack.shape), np.empty(slack.shape, np.bool_)
+        extreme = step_kernels().admit(gradients, slack, active, target, kept, self.counts["flat"])
+        constraints = ActiveConstraints(gradients, target, kept)
         return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 
     def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
@@ -261,7 +261,9 @@ class _Run:
             if self.observe is not None:
                 self.observe(problems.chosen(failed), again)
         np.add.at(self.counts["infeasible"], runs[answers.status == Status.INFEASIBLE], 1)
-        self.counts["skipped"][runs[answers.status > Status.INFEASIBLE]] = 1
+        skipped = runs[answers.status > Status.INFEASIBLE]
+        self.counts["skipped"][skipped] = 1
+        self.any_skipped = self.any_skipped or skipped.size > 0
         return answers
 
     def drop(
@@ -276,7 +278,7 @@ class _Run:
         for _ in range(active.shape[1]):
             largest, positive = self.largest_multiplier(constraints.jacobian, multipliers, active)
             if self.settings.drop == "stationary":
-                positive = positive & self.vanishes(tangent, constraints)
+                positive = positive & self.vanishes(tangent, constraints)[0]
             chosen = np.flatnonzero(positive)
             if not chosen.size:
                 return
@@ -298,10 +300,11 @@ class _Run:
         largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
         return largest, values.max(axis=1, initial=-np.inf) > 0
 
-    def vanishes(self, tangent: np.ndarray, constraints: ActiveConstraints) -> np.ndarray:
-        """PΔ¹ = 0, up to rounding."""
+    def vanishes(self, tangent: np.ndarray, constraints: ActiveConstraints) -> tuple[np.ndarray, bool]:
+        """PΔ¹ = 0, up to rounding: by run, and whether in any."""
         if self.geometry is not None:
-            return self.geometry.vanishing(tangent, constraints.gradients[:, 0], _STATIONARY)
+            vanishing = self.geometry.vanishing(tangent, constraints.gradients[:, 0], _STATIONARY)
+            return vanishing, bool(vanishing.any())
         vanishing = np.empty(len(tangent), np.bool_)
-        step_kernels().mark_vanishing(tangent, constraints.gradients, _STATIONARY, vanishing)
-        return vanishing
+        found = step_kernels().mark_vanishing(tangent, constraints.gradients, _STATIONARY, vanishing)
+        return vanishing, found

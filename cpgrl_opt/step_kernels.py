@@ -17,9 +17,9 @@ def _kernel(*signature: str, returns: str = "void") -> Any:
     return njit(f"{returns}({', '.join(signature)})", cache=True, error_model="numpy")
 
 
-@_kernel(_CUBE, _MASK, _MASK, "int64[::1]", returns="boolean")
-def leave_out_flat(gradients: Any, active: Any, kept: Any, flat: Any) -> Any:
-    """Kept ← active without the constraints whose gradient is 0; flat ← how many these are, by run.
+@_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="boolean")
+def admit(gradients: Any, slack: Any, active: Any, target: Any, kept: Any, flat: Any) -> Any:
+    """Target ← −min(slack, 0); kept ← active without constraints whose gradient is 0; flat ← their number, by run.
 
     Returns whether a row that is kept is beyond 2^±400.
     """
@@ -28,6 +28,7 @@ def leave_out_flat(gradients: Any, active: Any, kept: Any, flat: Any) -> Any:
     for b in range(runs):
         flat[b] = 0
         for i in range(m):
+            target[b, i] = max(-slack[b, i], 0.0)
             kept[b, i] = False
             if active[b, i]:
                 largest = 0.0
@@ -61,13 +62,16 @@ def fill_problems(
                 b[k, i] = inside * target[run, i] if is_tangent else target[run, i]
 
 
-@_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]")
-def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any) -> None:
-    """Whether max |s| ≤ relative · max |Δ¹|, by run; max-norms neither over- nor underflow."""
+@_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]", returns="boolean")
+def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any) -> Any:
+    """Whether max |s| ≤ relative · max |Δ¹|, by run, and whether any is; max-norms neither over- nor underflow."""
     runs, n = tangent.shape
+    found = False
     for b in range(runs):
         largest, limit = 0.0, 0.0
         for j in range(n):
             largest = max(largest, abs(tangent[b, j]))
             limit = max(limit, abs(gradients[b, 0, j]))
         vanishing[b] = largest <= relative * limit
+        found = found or vanishing[b]
+    return found

@@ -1,5 +1,6 @@
 """The boundary: whatever a caller hands over becomes a read-only float64 array, or a ValueError says why not."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,8 @@ def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
 
 
 def is_finite(array: NDArray[np.float64]) -> bool:
-    """No NaN and no infinity. Counting is several times faster than `all()` on the small arrays of an update."""
-    return bool(np.count_nonzero(np.isfinite(array)) == array.size)
+    """No NaN and no infinity. One dot product tells it of nearly all arrays; beyond 1e154 their squares overflow."""
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -28,7 +27,7 @@ class Estimate:
     rewards: Float[np.ndarray, "B channels"]
     events: Int[np.ndarray, "B"]
 
-    @cached_property
+    @property
     def linearization(self) -> Linearization:
         """What a learner takes; ValueError for NaN and infinities."""
         return Linearization(self.values, self.gradients)

@@ -28,6 +28,7 @@ class StoredAverage:
     by_episode: Bool[np.ndarray, "channels"]
     per_step: Float[np.ndarray, "B channels"]
     per_episode: Float[np.ndarray, "B channels"]
+    any_by_episode: bool
 
     def __init__(self, average: str | Sequence[str], rate: float, runs: int, channels: int) -> None:
         kinds = (average,) * channels if isinstance(average, str) else tuple(average)
@@ -37,6 +38,7 @@ class StoredAverage:
         for name, value in (
             ("rate", float(rate)),
             ("by_episode", np.array([kind == "episode" for kind in kinds])),
+            ("any_by_episode", "episode" in kinds),
             ("per_step", np.zeros((runs, channels))),
             ("per_episode", np.zeros((runs, channels))),
         ):
@@ -44,7 +46,7 @@ class StoredAverage:
 
     def store(self, rewards: Float[np.ndarray, "B channels"]) -> Float[np.ndarray, "B channels"]:
         """Ends an episode whose rewards summed to `rewards`; what the learner sees of ρ, a fresh array."""
-        if not self.by_episode.any():
+        if not self.any_by_episode:
             return self.per_step.copy()
         self.per_episode[...] += self.rate * (rewards - self.per_episode)
         return np.where(self.by_episode, self.per_episode, self.per_step)
