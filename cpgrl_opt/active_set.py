@@ -7,8 +7,8 @@ set that a step returns. Settings are fixed by `functools.partial(violated, marg
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
 
+from .arrays import Bool, Float
 from .validation import require_nonnegative
 
 

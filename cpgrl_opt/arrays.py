@@ -1,12 +1,28 @@
 """Shape types: what each array of a direction problem is called and how long it is.
 
-n counts the policy's parameters, m the constraints; jaxtyping checks the shapes in the tests.
+n counts the policy's parameters, m the constraints; jaxtyping checks the shapes in the tests, whose import hook loads
+it before this package. Otherwise they stand for any array: to import jaxtyping takes longer than a thousand solves.
 """
 
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+
+if TYPE_CHECKING or "jaxtyping" in sys.modules:
+    from jaxtyping import Bool as Bool
+    from jaxtyping import Float as Float
+    from jaxtyping import Int as Int
+    from jaxtyping import UInt8 as UInt8
+else:
+
+    class _Array:
+        """`Float[np.ndarray, "m n"]` is np.ndarray."""
+
+        def __class_getitem__(cls, array_and_shape):
+            return array_and_shape[0]
+
+    Bool = Float = Int = UInt8 = _Array
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike as ArrayLike

@@ -6,9 +6,8 @@ from enum import IntEnum
 from typing import overload
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from .arrays import Multipliers, Vector
+from .arrays import Bool, Float, Int, Multipliers, Vector
 
 
 class Status(IntEnum):

@@ -14,8 +14,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
+from .arrays import Bool, Float
 from .problem import ProblemBatch
 
 

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from .arrays import ArrayLike
+from .arrays import ArrayLike, Float
 from .validation import is_finite, real_values, require_shape
 
 

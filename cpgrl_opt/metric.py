@@ -9,9 +9,8 @@ LLᵀ = M turns these coordinates, and changes no length. Source: Golub & Van Lo
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from .arrays import ArrayLike
+from .arrays import ArrayLike, Float
 from .validation import finite_array, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]

@@ -13,9 +13,8 @@ from functools import cached_property
 from typing import overload
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from .arrays import ArrayLike, Jacobian, Mask, Multipliers, Vector
+from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Vector
 from .metric import Metric, Whitening, validated_metric
 from .validation import finite_array, mask_array, real_array, require_positive, require_shape
 

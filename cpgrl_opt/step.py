@@ -8,10 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
-from .arrays import ArrayLike
+from .arrays import ArrayLike, Bool, Float, Int
 from .direction import DirectionBatch, DirectionError, Status
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization

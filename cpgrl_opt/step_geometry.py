@@ -7,9 +7,8 @@ restoration v  in the metric, never in the ball: it is the shortest move that re
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
-from .arrays import ArrayLike
+from .arrays import ArrayLike, Float
 from .metric import Metric, Whitening, validated_metric
 from .problem import ProblemBatch, lengths
 from .validation import require_positive, require_shape

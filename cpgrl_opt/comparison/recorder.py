@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from ..arrays import Float
 from ..direction import DirectionBatch
 from ..problem import ProblemBatch
 from .recording import Recording, empty_recording

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
+from ..arrays import Bool, Float, Int
 from ..problem import DirectionProblem, ProblemBatch
 
 FORMAT = "cpgrl recording 1"

@@ -6,8 +6,8 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 
+from ..arrays import Float, Int
 from ..direction import Status
 from ..kkt import kkt_residuals
 from ..problem import DirectionProblem

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 
-from ..arrays import Jacobian, Vector
+from ..arrays import Float, Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem, lengths, unit_rows
 from .adapter import claimed_direction

@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
+from ..arrays import Bool, Float
 from ..direction import Direction, Status
 from ..kkt import kkt_residuals
 from ..problem import DirectionProblem, lengths

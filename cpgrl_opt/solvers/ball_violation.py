@@ -12,8 +12,8 @@ solved for λ by Newton's method on 1/‖x‖. Source: Farkas' lemma; Hebden 197
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
 
+from ..arrays import Bool, Float
 from ..direction import Status
 from ..problem import DirectionProblem, lengths
 from .kernels import compiled_kernels, solve_single

@@ -11,8 +11,8 @@ from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float, Int
 
+from ..arrays import Float, Int
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE

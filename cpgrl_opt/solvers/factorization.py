@@ -8,7 +8,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from ..arrays import Float, Int
 
 Matrix = Float[np.ndarray, "rows columns"]
 

@@ -9,8 +9,8 @@ Source: Lawson & Hanson, Solving Least Squares Problems, ch. 23, algorithms LDP 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from ..arrays import Float
 from ..direction import Status
 from ..projection import RANK_TOLERANCE
 from .reduction import BackEndAnswer, ReducedProblem

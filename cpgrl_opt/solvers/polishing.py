@@ -9,9 +9,8 @@ so that d keeps all its digits where g + Jᵀμ would cancel. Source: Stellato e
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from ..arrays import Vector
+from ..arrays import Bool, Float, Vector
 from ..problem import lengths
 from ..projection import RANK_TOLERANCE
 from .factorization import pivoted_qr, solve_upper

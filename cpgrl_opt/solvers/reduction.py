@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from ..arrays import Mask, Multipliers, Vector
+from ..arrays import Bool, Float, Mask, Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem, UnitRows, lengths, unit_rows
 from .factorization import pivoted_qr

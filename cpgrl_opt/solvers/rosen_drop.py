@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 
-from ..arrays import Vector
+from ..arrays import Float, Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .geometry import takes_geometry

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
+from ..arrays import Bool, Float
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths, unit_rows
 

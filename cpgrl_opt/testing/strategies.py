@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from jaxtyping import Bool, Float, Int, UInt8
 
+from ..arrays import Bool, Float, Int, UInt8
 from ..problem import DirectionProblem
 
 # One value, (lowest, highest), or a strategy.

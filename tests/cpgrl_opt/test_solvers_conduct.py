@@ -234,7 +234,18 @@ def test_a_missing_package_is_told_by_worker_processes_too(error: MissingPackage
 
 
 def test_importing_the_solvers_is_light() -> None:
-    heavy = ("numba", "scipy", "osqp", "qpsolvers", "cvxpy", "matplotlib", *OPTIONAL, "proxsuite", "highspy")
+    heavy = (
+        "numba",
+        "scipy",
+        "osqp",
+        "qpsolvers",
+        "cvxpy",
+        "matplotlib",
+        "jaxtyping",
+        *OPTIONAL,
+        "proxsuite",
+        "highspy",
+    )
     code = f"import sys, cpgrl_opt.solvers; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,0 +1,28 @@
+"""Shape types are jaxtyping's where shapes are checked, and cost nothing elsewhere."""
+
+import subprocess
+import sys
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from cpgrl_opt import DirectionProblem, arrays
+from cpgrl_opt.kkt import violation
+
+
+def test_the_tests_see_the_real_types():
+    assert arrays.Float is jaxtyping.Float
+    assert arrays.UInt8 is jaxtyping.UInt8
+
+
+def test_a_wrong_shape_is_noticed_in_the_tests():
+    problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]])
+    with pytest.raises(jaxtyping.TypeCheckError):
+        violation(problem, np.zeros((1, 2)))
+
+
+def test_without_jaxtyping_they_stand_for_any_array():
+    code = "import sys; from cpgrl_opt.arrays import Vector; print(Vector, 'jaxtyping' in sys.modules)"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert answer.split() == ["<class", "'numpy.ndarray'>", "False"]
