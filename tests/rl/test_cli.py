@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from importlib.metadata import version
 
@@ -184,16 +182,13 @@ def test_ctrl_c_while_a_command_imports_is_one_line(monkeypatch):
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
+def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs, start_cpgrl):
     earlier = jobs == "2"
     out, place = tmp_path, tmp_path / "unfinished" if earlier else tmp_path
     if earlier:
         (out / "claims.json").write_text("of an earlier run", encoding="utf-8")
-    command = [sys.executable, "-m", "rl.cli", "reproduce", "three-state", "--runs", "2", "--episodes", "100000000"]
-    process = subprocess.Popen(
-        [*command, "--record-every", "10", "--jobs", jobs, "--out", str(tmp_path)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+    endless = ["--runs", 2, "--episodes", 100_000_000, "--record-every", 10]
+    process = start_cpgrl("reproduce", "three-state", *endless, "--jobs", jobs, "--out", tmp_path)
     path = place / "learning.csv"
     until = time.monotonic() + 300
     while time.monotonic() < until and process.poll() is None:

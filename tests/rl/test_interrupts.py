@@ -9,6 +9,8 @@ import pytest
 
 from rl.interrupts import InterruptsHeld
 
+pytestmark = pytest.mark.usefixtures("hears_interrupts")
+
 
 def test_an_interrupt_waits_for_the_end_of_the_block():
     reached = []

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
@@ -86,12 +84,9 @@ def test_a_bad_number_is_answered_with_what_it_should_be(option, value, tmp_path
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs):
-    command = [sys.executable, "-m", "rl.cli", "reproduce", "arm", "--runs", "2", "--episodes", "100000000"]
-    process = subprocess.Popen(
-        [*command, "--block", "5", "--jobs", jobs, "--out", str(tmp_path)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs, start_cpgrl):
+    endless = ["--runs", 2, "--episodes", 100_000_000, "--block", 5]
+    process = start_cpgrl("reproduce", "arm", *endless, "--jobs", jobs, "--out", tmp_path)
     path = tmp_path / "learning.csv"
     until = time.monotonic() + 180
     while time.monotonic() < until and process.poll() is None:
