@@ -42,7 +42,7 @@ def averages_figure(
     runs = len(next(iter(curves.values())).estimated)
     caption(
         figure,
-        f"Average rewards as estimated by eq. (4): mean (line) and standard deviation (band) of {runs} runs. "
+        f"Average rewards as estimated by eq. (4) from 0 on: mean (line) and standard deviation (band) of {runs} runs. "
         "The optimum is that of the\noccupancy-measure linear programme; a shaded region ends at the threshold $G^i$. "
         "Insets: the same, magnified.",
     )
