@@ -195,7 +195,7 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def report(rows: list[Row]) -> str:
+def report(rows: list[Row], scale: float) -> str:
     """The table with what it was measured on."""
     import numba
 
@@ -203,7 +203,8 @@ def report(rows: list[Row]) -> str:
     return (
         f"# Training speed\n\n{table(rows)}\n\nFull size, 20 runs × 10000 episodes × 100 steps a method, is "
         f"extrapolated from the steps measured. One process on {platform.machine()} {platform.system()}; {versions}; "
-        f"CPU time, best of three. Command: `python benchmarks/training_speed.py --out benchmarks/results`.\n"
+        "CPU time, best of three. "
+        f"Command: `python benchmarks/training_speed.py --scale {scale:g} --out benchmarks/results`.\n"
     )
 
 
@@ -216,10 +217,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for training_speed.csv and training_speed.md")
     arguments = parser.parse_args()
     rows = measure(arguments.scale)
-    print(report(rows))
+    print(report(rows, arguments.scale))
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "training_speed.md").write_text(report(rows), encoding="utf-8")
+        (arguments.out / "training_speed.md").write_text(report(rows, arguments.scale), encoding="utf-8")
         with (arguments.out / "training_speed.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])))
             writer.writeheader()

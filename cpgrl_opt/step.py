@@ -181,7 +181,7 @@ class _Run:
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
         if settings.max_restoration < np.inf:
-            constraints = self.capped(constraints)
+            constraints = self.capped(constraints, n)
         tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
         still, any_still = self.vanishes(tangent, constraints)
         if (any_still or settings.drop == "always") and settings.formulation == "equality":
@@ -206,12 +206,13 @@ class _Run:
         constraints = ActiveConstraints(gradients, target, kept)
         return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 
-    def capped(self, constraints: ActiveConstraints) -> ActiveConstraints:
-        """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration."""
+    def capped(self, constraints: ActiveConstraints, n: int) -> ActiveConstraints:
+        """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration in the n parameters; what a ridge adds to them moves no θ."""
         problems = least_norm_restorations(constraints)
         if self.geometry is not None:
             problems = self.geometry.restoration(problems)
         move = solve_batch(Rosen(), problems).value
+        move[:, n:] = 0.0
         size = lengths(move) if self.geometry is None else self.geometry.lengths(move)
         length = self.settings.restoration_rate * size
         too_long = length > self.settings.max_restoration

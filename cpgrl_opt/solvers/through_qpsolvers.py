@@ -105,9 +105,17 @@ def _scs(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
 BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
     {
         "quadprog": BackEndFacts(
-            "quadprog", "gpl", "Goldfarb & Idnani 1983", "exact: dual active set", False, 0, _quadprog
+            "quadprog",
+            "gpl",
+            "Goldfarb & Idnani 1983",
+            "dual active set, certified or UNCERTIFIED",
+            False,
+            0,
+            _quadprog,
         ),
-        "daqp": BackEndFacts("daqp", "solvers", "Arnström et al. 2022", "exact: dual active set", False, 1000, _daqp),
+        "daqp": BackEndFacts(
+            "daqp", "solvers", "Arnström et al. 2022", "dual active set, certified or UNCERTIFIED", False, 1000, _daqp
+        ),
         "piqp": BackEndFacts("piqp", "solvers", "Schwan et al. 2023", "interior point, polished", False, 250, _piqp),
         "proxqp": BackEndFacts(
             "proxsuite", "solvers", "Bambade et al. 2022", "augmented Lagrangian, polished", False, 200, _proxqp

@@ -78,7 +78,11 @@ def write_comparison(settings: ComparisonSettings, outcomes: Sequence[CaseOutcom
             lines.append(",".join(map(str, cells)))
     (directory / "comparison.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     table = comparison_table(settings, outcomes, values)
-    text = [f"# CPGRL on the three-state MDP by solver, formulation and drop rule\n\n{legend(settings)}\n"]
+    text = ["# CPGRL on the three-state MDP by solver, formulation and drop rule\n"]
+    text += [
+        "`cpgrl reproduce three-state --compare`; its options are in `comparison.json`.\n",
+        f"{legend(settings)}\n",
+    ]
     text += [f"| {' | '.join(row)} |" for row in (table[0], ["---"] * len(table[0]), *table[1:])]
     (directory / "comparison.md").write_text("\n".join(text) + "\n", encoding="utf-8")
     contents = json.dumps(comparison_summary(settings, outcomes), indent=2, ensure_ascii=False, allow_nan=False)

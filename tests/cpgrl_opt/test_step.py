@@ -200,6 +200,19 @@ class TestSafeguards:
         tiny = Linearization([0.0, -1.0], [[1.0, 0.0], [0.0, 1e-8]])
         assert abs(plain(ridge=1e-4)(tiny, [0.0]).change[1]) < 1e-3
 
+    @pytest.mark.parametrize("metric", [None, [1.0, 4.0]])
+    @pytest.mark.parametrize("formulation", FORMULATION_NAMES)
+    def test_a_limit_on_the_restoration_counts_what_moves_the_parameters_and_not_the_ridge(self, formulation, metric):
+        linearization = Linearization([0.0, -0.3], [[1.0, 0.0], [0.0, 1e-3]])
+        weight = 1.0 if metric is None else metric[1]
+        moved = 0.05 * 0.3 * 1e-3 / weight / (1e-6 / weight + 1e-4)  # αₑ M⁻¹Jᵀ(JM⁻¹Jᵀ + ε)⁻¹ t
+        size = moved * np.sqrt(weight)
+        settings = {"formulation": formulation, "ridge": 1e-4, "metric": metric}
+        free = plain(**settings, max_restoration=1.01 * size)(linearization, [0.0])
+        held = plain(**settings, max_restoration=size / 2)(linearization, [0.0])
+        assert (free.counts["capped"], held.counts["capped"]) == (0, 1)
+        np.testing.assert_allclose([free.change[1], held.change[1]], [moved, moved / 2], rtol=1e-9)
+
 
 class TestStatuses:
     LINEARIZATION = Linearization([0.0, -1.0], [[1.0, 1.0], [0.0, 1.0]])
