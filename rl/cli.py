@@ -140,7 +140,9 @@ def compare(
     problems: Annotated[int | None, typer.Option(help="Problems of each family: 20, or 3 with --quick.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the problems.")] = 0,
     quick: Annotated[bool, typer.Option("--quick", help="Under a minute: fewer families and problems.")] = False,
-    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/compare"),
+    out: Annotated[
+        Path | None, typer.Option(help="Default cpgrl-output/compare, or compare-quick with --quick.")
+    ] = None,
     jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core.")] = 0,
     anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or keep the cells in OUT.")] = False,
 ) -> None:
@@ -152,7 +154,8 @@ def compare(
             solvers=_names(solvers), families=_names(families), problems=problems, seed=seed, quick=quick
         )  # fmt: skip
         try:
-            run_command(request, out, jobs=_processes(jobs), anew=anew, say=lambda text: typer.echo(text, err=True))
+            folder = request.folder() if out is None else out
+            run_command(request, folder, jobs=_processes(jobs), anew=anew, say=lambda text: typer.echo(text, err=True))
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
 

@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +18,27 @@ CellKey = tuple[str, str, str]  # solver, variant, family
 
 
 class Checkpoint:
-    """The folder of a comparison: settings.json, and measurements.csv, to which finished cells are added."""
+    """The folder of a comparison: settings.json, and measurements.csv, to which finished cells are added.
+
+    Cells that are not asked for this time stay in the file: `kept`, after `finished`.
+    """
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], *, anew: bool = False) -> None:
         """Opens the folder, making it where it is missing. anew: forgets what is there.
 
-        ValueError with advice where the folder holds measurements made with other settings.
+        ValueError with advice where the folder holds measurements made with other settings. Of a setting that is a
+        mapping only the names that both have are compared: what other solvers stand on does not matter here.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / MEASUREMENTS
         self._settings = folder / SETTINGS
         self.wall_seconds = 0.0
+        self.kept: dict[CellKey, list[Measurement]] = {}
+        self._facts = dict(settings)
         if anew or not self.path.exists():
             self.path.unlink(missing_ok=True)
         else:
-            self._require_agreement(folder, settings)
-        self._facts = dict(settings)
+            self._agree_with_folder()
         self.add_time(0.0)
 
     def add_time(self, seconds: float) -> None:
@@ -43,13 +48,23 @@ class Checkpoint:
         self._settings.write_text(text + "\n", encoding="utf-8")
 
     def finished(self, problems: Mapping[CellKey, int]) -> dict[CellKey, list[Measurement]]:
-        """The cells that are there whole (problems: how many each should have); the rest leaves the file."""
+        """The cells asked for that are there whole; the rest of them leaves the file.
+
+        problems: how many each cell that is asked for should have.
+        """
         found: dict[CellKey, list[Measurement]] = {}
         for each in self._readable():
             found.setdefault((each.solver, each.variant, each.family), []).append(each)
-        whole = {key: rows for key, rows in found.items() if _numbers(rows) == list(range(problems.get(key, -1)))}
-        write_measurements(self.path, [each for rows in whole.values() for each in rows])
+        self.kept = {key: rows for key, rows in found.items() if key not in problems}
+        whole = {
+            key: rows for key, rows in found.items() if key in problems and _numbers(rows) == [*range(problems[key])]
+        }
+        self.rewrite([each for rows in whole.values() for each in rows])
         return whole
+
+    def rewrite(self, measurements: Iterable[Measurement]) -> None:
+        """The file anew: these rows, then those of the cells that are not asked for."""
+        write_measurements(self.path, [*measurements, *(each for rows in self.kept.values() for each in rows)])
 
     def append(self, measurements: Sequence[Measurement]) -> None:
         """The rows of a finished cell, in one write, on the disk when this returns."""
@@ -60,18 +75,26 @@ class Checkpoint:
             file.flush()
             os.fsync(file.fileno())
 
-    def _require_agreement(self, folder: Path, settings: Mapping[str, Any]) -> None:
+    def _agree_with_folder(self) -> None:
         try:
             before = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             before = {}
         self.wall_seconds = float(before.get(_TIME, 0.0))
-        differing = {name: before.get(name) for name in settings if before.get(name) != settings[name]}
-        if differing:
-            name, value = next(iter(differing.items()))
+        for name, now in self._facts.items():
+            then = before.get(name)
+            if isinstance(now, Mapping) and isinstance(then, Mapping):
+                for key in (key for key in now if key in then):
+                    self._require_agreement(f"{name}: {key}", then[key], now[key])
+                self._facts[name] = {**then, **now}
+            else:
+                self._require_agreement(name, then, now)
+
+    def _require_agreement(self, name: str, then: object, now: object) -> None:
+        if then != now:
             raise ValueError(
-                f"{folder} holds measurements made with {name} = {_told(value)}, and {name} is now "
-                f"{_told(settings[name])}; take the same settings to continue, another --out, or --anew to start over"
+                f"{self.path.parent} holds measurements made with {name} = {_told(then)}, and {name} is now "
+                f"{_told(now)}; take the same settings to continue, another --out, or --anew to start over"
             )
 
     def _readable(self) -> list[Measurement]:

@@ -66,6 +66,10 @@ class Request:
         )
         return settings, absent
 
+    def folder(self) -> Path:
+        """Where the results go unless the user says: a quick comparison has settings of its own, so its own place."""
+        return Path("cpgrl-output") / ("compare-quick" if self.quick else "compare")
+
     def command(self) -> str:
         """What to type to get the same again."""
         chosen = {"solvers": self.solvers, "families": self.families}
@@ -77,18 +81,25 @@ class Request:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came of it: measurements, their cells, the solvers that are not installed, the files written."""
+    """What came of it: measurements, their cells, the solvers that are not installed, the files written.
+
+    kept: cells in measurements.csv that were not asked for this time, and are not reported.
+    """
 
     measurements: Sequence[Measurement]
     cells: Sequence[Cell]
     absent: Sequence[str]
     files: Sequence[Path]
+    kept: int = 0
 
 
 def compare(
     request: Request, folder: Path, *, jobs: int = 1, anew: bool = False, listen: Listen | None = None
 ) -> Comparison:
-    """Runs what is not yet in `folder`, and writes measurements.csv, solvers.csv, report.md and report.html there."""
+    """Runs what is not yet in `folder`, and writes measurements.csv, solvers.csv, report.md and report.html there.
+
+    Reported is what the request asks for; measurements.csv keeps whatever else is finished there.
+    """
     from .report import ReportContext, write_report
 
     settings, absent = request.settings()
@@ -112,7 +123,8 @@ def compare(
         default_solver=DEFAULT_SOLVER,
     )
     reports = write_report(cells, measurements, context, folder)
-    return Comparison(measurements, cells, absent, (checkpoint.path, folder / CELLS, *reports))
+    files = checkpoint.path, folder / CELLS, *reports
+    return Comparison(measurements, cells, absent, files, len(checkpoint.kept))
 
 
 def versions(solvers: Sequence[str]) -> dict[str, str]:
@@ -183,3 +195,5 @@ def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: C
     for name in done.absent:
         say(f"{name} is not installed, so that it is not compared; see `cpgrl solvers`.")
     say(f"Wrote {', '.join(path.name for path in done.files)} into {folder}")
+    if done.kept:
+        say(f"{MEASUREMENTS} keeps what was finished before and not asked for now, unreported: cells: {done.kept}.")

@@ -9,7 +9,7 @@ from pathlib import Path
 from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
 from .families import FAMILIES
-from .measurement import Measurement, write_measurements
+from .measurement import Measurement
 from .processes import WorkerProcess
 from .worker import Order
 
@@ -84,9 +84,10 @@ def run_comparison(
     jobs: int = 1,
     listen: Listen | None = None,
 ) -> list[Measurement]:
-    """All measurements, in the order of `settings.cells()`, which is also that of the file in the end.
+    """All measurements of `settings.cells()`, in their order, which is also that of the file in the end.
 
-    Cells that the checkpoint holds are not run again. Ctrl-C, or an error, ends the workers; what was finished stays.
+    Cells that the checkpoint holds are not run again; those that are not asked for stay there too, behind the others.
+    Ctrl-C, or an error, ends the workers; what was finished stays.
     """
     if jobs < 1:
         raise ValueError(f"jobs should be an integer ≥ 1; found {jobs}")
@@ -101,7 +102,7 @@ def run_comparison(
         if listen is not None:
             listen(cell, len(done), len(cells))
     ordered = [each for cell in cells for each in done[cell]]
-    write_measurements(checkpoint.path, ordered)
+    checkpoint.rewrite(ordered)
     return ordered
 
 

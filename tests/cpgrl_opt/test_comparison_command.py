@@ -9,7 +9,14 @@ import pytest
 
 from cpgrl_opt.comparison.command import QUICK_FAMILIES, Request, compare, run_command
 from cpgrl_opt.comparison.families import FAMILIES
-from cpgrl_opt.comparison.measurement import Measurement, cells_of, read_cells, read_measurements
+from cpgrl_opt.comparison.measurement import (
+    Measurement,
+    cells_of,
+    read_cells,
+    read_measurements,
+    write_measurements,
+)
+from cpgrl_opt.comparison.runner import open_checkpoint
 from cpgrl_opt.comparison.summary_table import summary_row
 
 TINY = Request(solvers=["active-set", "nnls", "scs"], families=["zero-rows*"], problems=2)
@@ -45,6 +52,32 @@ def test_a_package_that_cannot_be_imported_is_no_crash_of_its_solver(
     monkeypatch.delitem(sys.modules, "scs", raising=False)
     with pytest.raises(ValueError, match=r"^solver 'scs' needs .* cannot be imported: libgomp\.so\.1: cannot open$"):
         compare(replace(TINY, solvers=["scs"]), tmp_path / "out")
+
+
+def test_a_part_is_reported_alone_and_drops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = replace(TINY, solvers=["active-set"])
+    settings, _ = whole.settings()
+    done = [
+        Measurement(
+            solver="active-set", variant="prepared", family=family, problem=number, n=9, m=4, status="OPTIMAL",
+            outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
+        )
+        for family in settings.families for number in range(2)
+    ]  # fmt: skip
+    open_checkpoint(settings, tmp_path, {}).finished({})
+    write_measurements(tmp_path / "measurements.csv", done)
+    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    said: list[str] = []
+    run_command(replace(whole, families=["zero-rows"]), tmp_path, jobs=1, anew=False, say=said.append)
+    assert said[-1] == "measurements.csv keeps what was finished before and not asked for now, unreported: cells: 1."
+    assert "zero-rows-equality" not in (tmp_path / "report.md").read_text()
+    assert [each.family for each in read_cells(tmp_path / "solvers.csv")] == ["zero-rows"]
+    assert compare(whole, tmp_path).measurements == done
+
+
+def test_a_quick_comparison_has_a_folder_of_its_own() -> None:
+    assert Request().folder() == Path("cpgrl-output/compare")
+    assert Request(quick=True).folder() == Path("cpgrl-output/compare-quick")
 
 
 def test_quick_is_a_part_of_the_whole() -> None:

@@ -104,6 +104,32 @@ def test_a_killed_comparison_goes_on_where_it_was(misconduct: Path) -> None:
     assert [each.family for each in after] == ["zero-rows"] * 2 + ["duplicate"] * 2
 
 
+def test_cells_that_are_not_asked_for_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = ComparisonSettings(solvers=("active-set", "nnls"), families=("zero-rows", "duplicate"), problems=2)
+    checkpoint = open_checkpoint(whole, tmp_path, {"numpy": "2.4", "scipy": "1.17"})
+    checkpoint.finished({})
+    rows = [
+        Measurement(
+            solver=solver, variant=variant, family=family, problem=number, n=9, m=4, status="OPTIMAL",
+            outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
+        )
+        for solver, variant, family in whole.cells() for number in range(2)
+    ]  # fmt: skip
+    checkpoint.append(rows)
+    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    part = replace(whole, solvers=("active-set",), families=("duplicate",))
+    others = {"numpy": "2.4", "osqp": "1.1"}  # another solver stands on other packages
+    checkpoint = open_checkpoint(part, tmp_path, others)
+    asked = [each for each in rows if (each.solver, each.family) == ("active-set", "duplicate")]
+    assert run_comparison(part, checkpoint) == asked
+    assert len(checkpoint.kept) == 5
+    assert read_measurements(checkpoint.path) == asked + [each for each in rows if each not in asked]
+    assert run_comparison(whole, open_checkpoint(whole, tmp_path, others)) == rows
+    assert read_measurements(checkpoint.path) == rows
+    with pytest.raises(ValueError, match=r"versions: scipy = \"1\.17\", and versions: scipy is now \"1\.18\""):
+        open_checkpoint(whole, tmp_path, {"scipy": "1.18"})
+
+
 def test_other_settings_are_refused_with_advice(tmp_path: Path) -> None:
     settings = ComparisonSettings(solvers=("active-set",), families=("zero-rows",))
     open_checkpoint(settings, tmp_path, {"numpy": "2.4"}).finished({})
