@@ -316,7 +316,7 @@ class UnitRows:
 def unit_rows(jacobian: Jacobian) -> UnitRows:
     """Ĵ with unit rows: scaled by the largest entry first, so that rows of 1e±170 neither over- nor underflow."""
     squares = _squares(jacobian)
-    if _are_safe(squares):
+    if squares.size and _safe(squares).all():
         norms = np.sqrt(squares)
         return UnitRows(jacobian / norms[:, None], norms, np.ones(len(norms)))
     rows, largest, relative = _largest_first(jacobian)
@@ -324,13 +324,17 @@ def unit_rows(jacobian: Jacobian) -> UnitRows:
 
 
 def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
-    """‖v‖₂ along the last axis, by the largest entry first: 1e±170 neither over- nor underflows."""
+    """‖v‖₂ along the last axis, by the largest entry first: 1e±170 neither over- nor underflows.
+
+    Bit for bit the same whatever vectors stand beside v: a run's numbers may not depend on other runs.
+    """
     squares = _squares(vectors)
-    if _are_safe(squares):
-        return np.asarray(np.sqrt(squares))
+    safe, plain = _safe(squares), np.sqrt(squares)
+    if safe.all():
+        return np.asarray(plain)
     _, largest, relative = _largest_first(vectors)
     with np.errstate(over="ignore"):  # infinite beyond 1.8e308: callers refuse it
-        return np.asarray(largest * relative)
+        return np.where(safe, plain, largest * relative)
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:
@@ -338,9 +342,9 @@ def _squares(vectors: np.ndarray) -> np.ndarray:
         return np.asarray(np.vecdot(vectors, vectors))
 
 
-def _are_safe(squares: np.ndarray) -> bool:
+def _safe(squares: np.ndarray) -> np.ndarray:
     """Whether v·v may be used as it is; NaN, infinities and 0 may not."""
-    return squares.size > 0 and bool(squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1])
+    return np.asarray((squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1]))
 
 
 def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -100,6 +100,14 @@ def test_unit_rows_have_length_one_at_any_scale(scale):
     np.testing.assert_allclose(lengths(scale * jacobian), scale * np.linalg.norm(jacobian, axis=1), rtol=1e-14)
 
 
+@pytest.mark.parametrize("neighbour", [0.0, 1e-170, 1e170])
+def test_a_length_does_not_depend_on_the_vectors_beside_it(neighbour):
+    vectors = np.random.default_rng(3).normal(size=(200, 7))
+    in_company = lengths(np.concatenate([vectors, np.full((1, 7), neighbour)]))
+    np.testing.assert_array_equal(in_company[:-1], [lengths(vector) for vector in vectors])
+    np.testing.assert_allclose(in_company[-1], neighbour * np.sqrt(7), rtol=1e-14)
+
+
 def test_a_linearization_refuses_what_an_estimator_must_not_hand_over():
     with pytest.raises(ValueError, match="values should be finite; found nan"):
         Linearization([np.nan, 0.0], np.zeros((2, 3)))
