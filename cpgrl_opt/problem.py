@@ -316,7 +316,7 @@ class UnitRows:
 def unit_rows(jacobian: Jacobian) -> UnitRows:
     """Ĵ with unit rows: scaled by the largest entry first, so that rows of 1e±170 neither over- nor underflow."""
     squares = _squares(jacobian)
-    if squares.size and _safe(squares).all():
+    if _are_safe(squares):
         norms = np.sqrt(squares)
         return UnitRows(jacobian / norms[:, None], norms, np.ones(len(norms)))
     rows, largest, relative = _largest_first(jacobian)
@@ -329,12 +329,12 @@ def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch
     Bit for bit the same whatever vectors stand beside v: a run's numbers may not depend on other runs.
     """
     squares = _squares(vectors)
-    safe, plain = _safe(squares), np.sqrt(squares)
-    if safe.all():
-        return np.asarray(plain)
+    if _are_safe(squares):
+        return np.asarray(np.sqrt(squares))
     _, largest, relative = _largest_first(vectors)
+    safe = (squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1])
     with np.errstate(over="ignore"):  # infinite beyond 1.8e308: callers refuse it
-        return np.where(safe, plain, largest * relative)
+        return np.asarray(np.where(safe, np.sqrt(squares), largest * relative))
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:
@@ -342,9 +342,9 @@ def _squares(vectors: np.ndarray) -> np.ndarray:
         return np.asarray(np.vecdot(vectors, vectors))
 
 
-def _safe(squares: np.ndarray) -> np.ndarray:
-    """Whether v·v may be used as it is; NaN, infinities and 0 may not."""
-    return np.asarray((squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1]))
+def _are_safe(squares: np.ndarray) -> bool:
+    """Whether every v·v may be used as it is; NaN, infinities and 0 may not."""
+    return squares.size > 0 and bool(squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1])
 
 
 def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
