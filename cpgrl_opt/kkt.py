@@ -189,10 +189,48 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
     if not np.isfinite(d).all():
         return float("inf")
     lack = violation(problem, d)
-    required = np.where(problem.equality, np.abs(lack.bound), np.maximum(lack.bound, 0.0))
-    s = max(_norm(problem.gradient), _norm(d), _largest(required))
-    size = max(_norm(lack.amount), 1e-9 * s)
+    size = max(_norm(lack.amount), 1e-9 * _violation_unit(problem, d, lack))
     return _norm(lack.amount / size @ lack.jacobian) if size > 0 else 0.0
+
+
+def excess_violation(problem: DirectionProblem, d: Vector) -> float:
+    """How much less d could violate: ‖Ĵᵀr‖ / s, r and s as in `least_violation_residual`; in a metric, where M = I.
+
+    In the unit of the KKT residuals, so that a solver need be no more exact than where it claims to be optimal: r is
+    within 2H‖Ĵᵀr‖ of the least one, H being Hoffman's constant. A radius is not looked at: violating least has another
+    meaning in a ball. Infinite where d is not finite. Source: Hoffman 1952.
+    """
+    d = np.asarray(d, dtype=np.float64)
+    require_shape("d", d, (problem.n,))
+    flat = euclidean(problem)
+    with np.errstate(over="ignore", invalid="ignore"):
+        d = d if problem.whitening is None else problem.whitening.direction(d)
+    if not (np.isfinite(d).all() and np.isfinite(flat.jacobian).all()):
+        return float("inf")
+    lack = violation(flat, d)
+    unit = _violation_unit(flat, d, lack)
+    if not unit < np.inf:  # a bound overflows in units of its row
+        return float("inf")
+    return _norm(lack.amount / unit @ lack.jacobian) if unit > 0 else 0.0
+
+
+def violation_tolerance(tolerance: float, m: int) -> float:
+    """(1 + m) ε, the largest `excess_violation` of an INFEASIBLE answer, ε the solver's tolerance: ε for each row."""
+    return (1 + m) * tolerance
+
+
+def proof_tolerance(tolerance: float) -> float:
+    """√ε, the largest `farkas_residual` of an INFEASIBLE answer, ε the solver's tolerance.
+
+    A violation that is good to ε max|b̂| gives a Farkas vector of residual ε (max|b̂|/violation)² only.
+    """
+    return math.sqrt(tolerance)
+
+
+def _violation_unit(problem: DirectionProblem, d: Vector, lack: Violation) -> float:
+    """s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E)."""
+    required = np.where(problem.equality, np.abs(lack.bound), np.maximum(lack.bound, 0.0))
+    return max(_norm(problem.gradient), _norm(d), _largest(required))
 
 
 def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:

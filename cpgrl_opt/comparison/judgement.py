@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..direction import Direction, Status
-from ..kkt import farkas_residual, kkt_residuals
+from ..kkt import excess_violation, farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, lengths
 from .exact import ExactAnswer
 from .measurement import PROOF_TOLERANCE, SUCCESS_TOLERANCE, WRONG_TOLERANCE
@@ -40,11 +40,17 @@ def as_direction(answer: Any, problem: DirectionProblem) -> Direction:
 
 
 def judge(
-    problem: DirectionProblem, direction: Direction, *, feasible: bool, exact: ExactAnswer | None = None
+    problem: DirectionProblem,
+    direction: Direction,
+    *,
+    feasible: bool,
+    exact: ExactAnswer | None = None,
+    verdict_only: bool = False,
 ) -> Judgement:
     """The outcome, as `measurement` defines it.
 
-    A right INFEASIBLE whose multipliers prove nothing is inaccurate: the verdict is right, and must be believed.
+    A right INFEASIBLE whose multipliers prove nothing, or whose direction does not violate least, is inaccurate: the
+    verdict is right, and must be believed. verdict_only: of a library alone nobody expects that direction.
     exact: the exact answer, for the distance of what is claimed optimal; None where it is unknown.
     """
     status = direction.status
@@ -54,7 +60,9 @@ def judge(
         if feasible:
             return Judgement("false-infeasible", status.name, float("inf"))
         residual = farkas_residual(problem, direction.multipliers)
-        return Judgement("success" if residual <= PROOF_TOLERANCE else "inaccurate", status.name, residual)
+        is_proven = residual <= PROOF_TOLERANCE
+        is_least = verdict_only or excess_violation(problem, direction.value) <= SUCCESS_TOLERANCE
+        return Judgement("success" if is_proven and is_least else "inaccurate", status.name, residual)
     worst = kkt_residuals(problem, direction).worst
     if status != Status.OPTIMAL:
         return Judgement("honest-failure", status.name, worst)

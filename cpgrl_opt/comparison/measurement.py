@@ -1,8 +1,8 @@
 """What the comparison measures: one solver on one problem, and the counts of one solver on one family.
 
 A feasible problem is solved where worst ≤ 1e-9 (the referee's), an infeasible one where the Farkas vector y has
-residual ≤ 1e-6; claimed optimal with worst > 1e-6 is silently wrong. Times are CPU seconds, quoted as ratios to the
-default solver's in the same round-robin.
+residual ≤ 1e-6 and, behind the preparation, the direction violates least to 1e-9; claimed optimal with worst > 1e-6
+is silently wrong. Times are CPU seconds, quoted as ratios to the default solver's in the same round-robin.
 """
 
 import csv

@@ -58,11 +58,13 @@ def terms() -> tuple[tuple[str, str], ...]:
         ),
         (
             "success",
-            "right verdict and all residuals ≤ 1e-9; where infeasible, INFEASIBLE with a Farkas vector that checks.",
+            "right verdict and all residuals ≤ 1e-9; where infeasible, INFEASIBLE with a Farkas vector that checks "
+            "and, behind the preparation, the direction that violates least.",
         ),
         (
             "inaccurate",
-            "claimed optimal, worst residual between 1e-9 and 1e-6; or rightly called infeasible without a proof.",
+            "claimed optimal, worst residual between 1e-9 and 1e-6; or rightly called infeasible without a proof, "
+            "or without that direction.",
         ),
         ("silently wrong", "claimed optimal, worst residual above 1e-6."),
         ("honest failure", "no answer claimed: the status says so."),

@@ -133,7 +133,10 @@ class Bench:
             return
         noise.grew()
         direction, first = answered(candidate.solve, problem)
-        judgement = CRASHED if direction is None else judge(problem, direction, feasible=family.feasible, exact=exact)
+        is_raw, feasible = order.variant == "raw", family.feasible
+        judgement = CRASHED
+        if direction is not None:
+            judgement = judge(problem, direction, feasible=feasible, exact=exact, verdict_only=is_raw)
         if first > order.limit:  # came back before its parent looked
             judgement = HUNG
         if direction is None or judgement is HUNG:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Multipliers, Vector
 from ..direction import Direction, Status
-from ..kkt import farkas_residual
+from ..kkt import farkas_residual, proof_tolerance
 from ..problem import DirectionProblem, lengths, unit_rows
 from ..solvers import SOLVERS
 from ..solvers.interface import DEFAULT_TOLERANCE
@@ -115,7 +115,7 @@ def farkas_vector(problem: DirectionProblem, d: Vector, tolerance: float) -> Mul
         return np.where(np.isinf(lack), np.sign(lack), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         y = unit_rows(problem.jacobian).per_length(lack)
-    return y if farkas_residual(problem, y) <= np.sqrt(tolerance) else None
+    return y if farkas_residual(problem, y) <= proof_tolerance(tolerance) else None
 
 
 def require_finite(problem: DirectionProblem) -> None:

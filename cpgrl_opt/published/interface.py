@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Jacobian, Vector
 from ..direction import Direction, Status
-from ..kkt import farkas_residual, kkt_residuals
+from ..kkt import farkas_residual, kkt_residuals, proof_tolerance
 from ..problem import DirectionProblem
 from .adapter import require_finite
 
@@ -69,7 +69,7 @@ def unsupported(problem: DirectionProblem) -> Direction:
 def judged(problem: DirectionProblem, direction: Direction, tolerance: float) -> Direction:
     """The direction of a method that solves this problem: UNCERTIFIED unless the referee agrees with its claim."""
     if direction.status == Status.INFEASIBLE:
-        is_proven = farkas_residual(problem, direction.multipliers) <= np.sqrt(tolerance)
+        is_proven = farkas_residual(problem, direction.multipliers) <= proof_tolerance(tolerance)
     else:
         is_proven = kkt_residuals(problem, direction).worst <= tolerance
     return direction if is_proven else replace(direction, status=Status.UNCERTIFIED)

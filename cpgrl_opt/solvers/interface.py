@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
-from ..kkt import farkas_residual, kkt_residuals
+from ..kkt import excess_violation, farkas_residual, kkt_residuals, proof_tolerance, violation_tolerance
 from ..problem import DirectionProblem, ProblemBatch
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
@@ -31,16 +31,26 @@ class DirectionSolver(Protocol):
 def refereed(
     problems: ProblemBatch | Sequence[DirectionProblem], answers: DirectionBatch, tolerance: float
 ) -> DirectionBatch:
-    """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED."""
+    """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
+
+    INFEASIBLE stands where the multipliers prove it to √tolerance and, unless there is a radius, the direction violates
+    least to (1 + m) tolerance: what the conformance kit asks for, but that it be the nearest of them to the gradient.
+    """
     status = answers.status.copy()
     for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
         if answer.status == Status.OPTIMAL and not kkt_residuals(problem, answer).worst <= tolerance:
             status[k] = Status.UNCERTIFIED
-        if answer.status == Status.INFEASIBLE and not (
-            farkas_residual(problem, answer.multipliers) <= tolerance and np.isfinite(answer.value).all()
-        ):
+        if answer.status == Status.INFEASIBLE and not _is_infeasible(problem, answer, tolerance):
             status[k] = Status.UNCERTIFIED
     return replace(answers, status=status)
+
+
+def _is_infeasible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
+    if not farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance):
+        return False
+    if problem.radius is not None:
+        return bool(np.isfinite(answer.value).all())
+    return excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
 
 
 class LoopsOverBatches:

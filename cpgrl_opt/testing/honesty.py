@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..direction import Status
-from ..kkt import farkas_residual, kkt_residuals
+from ..kkt import farkas_residual, kkt_residuals, proof_tolerance, violation_tolerance
 from ..problem import DirectionProblem, euclidean, unit_rows
 from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import (
@@ -95,7 +95,7 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     unit = max(length(euclidean(problem).gradient), length(value), float(required.max(initial=0.0)))
     require_at_most(
         length(rows.jacobian.T @ lack) / unit,
-        (1 + problem.m) * tolerance_of(solver),
+        violation_tolerance(tolerance_of(solver), problem.m),
         "‖Ĵᵀ(b̂ − Ĵd)₊‖ / s of an INFEASIBLE direction",
         "The direction should violate the constraints least, in the 2-norm on unit rows.",
         problem,
@@ -141,7 +141,7 @@ def _infeasible(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
 def _require_proof(solver: DirectionSolver, problem: DirectionProblem, answer: Answer) -> None:
     require_at_most(
         farkas_residual(problem, answer.multipliers),
-        float(np.sqrt(tolerance_of(solver))),
+        proof_tolerance(tolerance_of(solver)),
         "the residual of the Farkas vector y in `multipliers`",
         "INFEASIBLE needs a proof: y ≥ 0 on inequalities with Jᵀy = 0 and bᵀy > 0; (b̂ − Ĵd)₊/‖Jᵢ‖ of the least "
         "violation is one.",
