@@ -7,7 +7,8 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths
-from .interface import Declaration, gradients_of, is_cone, unsupported
+from ..solvers.interface import unsupported
+from .interface import Declaration, gradients_of, is_cone
 
 # ‖r‖ that rounding leaves of rows that sum to 0, over the longest row.
 _ROUNDING = 1e-14

@@ -8,7 +8,8 @@ import numpy as np
 from ..arrays import Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from .interface import Declaration, judged, unsupported
+from ..solvers.interface import unsupported
+from .interface import Declaration, judged
 from .trust_region import OneRowBall, in_ball, is_one_row_ball
 
 # ‖g − (r/s) J‖ in units of ‖g‖ below which g and J point the same way, or opposite ways.

@@ -7,9 +7,10 @@ import numpy as np
 
 from ..direction import Direction
 from ..problem import DirectionProblem
+from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from .adapter import claimed_direction
-from .interface import Declaration, gradients_of, unsupported
+from .interface import Declaration, gradients_of
 
 
 @dataclass(frozen=True, kw_only=True)

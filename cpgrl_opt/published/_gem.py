@@ -7,10 +7,11 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from ._dual_cone import dual_projection
 from .adapter import claimed_direction
-from .interface import Declaration, gradients_of, is_cone, judged, unsupported
+from .interface import Declaration, gradients_of, is_cone, judged
 
 
 @dataclass(frozen=True, kw_only=True)

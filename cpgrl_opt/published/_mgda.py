@@ -8,8 +8,9 @@ import numpy as np
 from ..arrays import Float, Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem, lengths, unit_rows
+from ..solvers.interface import unsupported
 from .adapter import claimed_direction
-from .interface import Declaration, is_cone, stacked_gradients, unsupported
+from .interface import Declaration, is_cone, stacked_gradients
 
 # ‖d‖ that rounding leaves of 0, over Σwᵢ‖gᵢ‖.
 _ROUNDING = 1e-14

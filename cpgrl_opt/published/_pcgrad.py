@@ -8,8 +8,9 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem, unit_rows
+from ..solvers.interface import unsupported
 from .adapter import claimed_direction
-from .interface import Declaration, is_cone, stacked_gradients, unsupported
+from .interface import Declaration, is_cone, stacked_gradients
 
 
 @dataclass(frozen=True, kw_only=True)

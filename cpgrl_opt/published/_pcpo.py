@@ -7,8 +7,9 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths, unit_rows
+from ..solvers.interface import unsupported
 from ..validation import require_member
-from .interface import Declaration, unsupported
+from .interface import Declaration
 from .trust_region import in_ball, is_one_row_ball
 
 

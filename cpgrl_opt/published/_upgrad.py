@@ -8,9 +8,10 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem
+from ..solvers.interface import unsupported
 from ._dual_cone import dual_projection
 from .adapter import claimed_direction
-from .interface import Declaration, is_cone, stacked_gradients, unsupported
+from .interface import Declaration, is_cone, stacked_gradients
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -61,11 +61,6 @@ def stacked_gradients(problem: DirectionProblem) -> Jacobian:
     return np.vstack([gradient, rows])
 
 
-def unsupported(problem: DirectionProblem) -> Direction:
-    """Zeros that claim nothing."""
-    return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.UNSUPPORTED)
-
-
 def judged(problem: DirectionProblem, direction: Direction, tolerance: float) -> Direction:
     """The direction of a method that solves this problem: UNCERTIFIED unless the referee agrees with its claim."""
     if direction.status == Status.INFEASIBLE:

@@ -19,7 +19,7 @@ from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
 from .infeasibility import FARKAS_TOLERANCE
-from .interface import DirectionSolver, solve_batch, supports, tolerance_of
+from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
 from .polishing import polished
 from .reduction import scale_problem
 
@@ -85,6 +85,8 @@ class WithGeometry:
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The direction of the transformed problem, judged on the problem itself; see `Status`."""
+        if not self.supports(problem):
+            return unsupported(problem)
         if problem.metric is None and problem.radius is None:
             return self.solver.solve(problem)
         return solve_transformed(self.solver.solve, problem, self.tolerance)
@@ -94,6 +96,8 @@ class WithGeometry:
         stacked = ProblemBatch.stack(problems)
         if stacked.metric is None and stacked.radius is None:
             return solve_batch(self.solver, stacked)
+        if not all(self.supports(problem) for problem in stacked):
+            return DirectionBatch.stack([self.solve(problem) for problem in stacked])
         return solve_batch_transformed(self.solver.solve, partial(solve_batch, self.solver), stacked, self.tolerance)
 
 

@@ -109,9 +109,19 @@ def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
 
 
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-    """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop."""
+    """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop.
+
+    In the loop a problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises.
+    """
     compiled: Any = getattr(solver, "solve_batch", None)
     if compiled is not None:
         answer: DirectionBatch = compiled(problems)
         return answer
-    return DirectionBatch.stack([solver.solve(problem) for problem in problems])
+    return DirectionBatch.stack(
+        [solver.solve(problem) if supports(solver, problem) else unsupported(problem) for problem in problems]
+    )
+
+
+def unsupported(problem: DirectionProblem) -> Direction:
+    """Zeros that claim nothing."""
+    return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.UNSUPPORTED)
