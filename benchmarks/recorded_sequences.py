@@ -1,10 +1,13 @@
 """What is a warm start worth on the problems that training really poses, one after the other?
 
 The recordings that ship with the package, in the order met: as they were (equalities), and with inequalities in their
-place (what the formulation "cone" asks at the same θ). A solver with an explicit warm start (`session(n, m,
-warm_start=True)`) is replayed cold and warm in one workspace for each sequence; the others cold, beside it.
+place (what the formulation "cone" asks at the same θ); or, with `--recording`, what your own training posed, as
+`subproblems.npz` of `--record N` holds it: then nothing but `--out` is written to. A solver with an explicit warm start
+(`session(n, m, warm_start=True)`) is replayed cold and warm in one workspace for each sequence; the others cold, beside
+it. Certified: optimal, or infeasible with a proof.
 
     python benchmarks/recorded_sequences.py [--repeats 5] [--out benchmarks/results]
+    python benchmarks/recorded_sequences.py --recording FILE [--recording FILE …] [--out FOLDER]
 
 Limitations: one machine; CPU seconds of `solve`, our shared preparation and certificate included, the least of the
 repetitions of each problem, medians over problems. Iterations as each method counts them, 0 where it does not tell.
@@ -14,14 +17,14 @@ cvxpy's session takes warm_start but its CLARABEL has none.
 import argparse
 import csv
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from cpgrl_opt import SOLVERS
-from cpgrl_opt.comparison.recording import SHIPPED, Recording, shipped_recording
+from cpgrl_opt import SOLVERS, Status
+from cpgrl_opt.comparison.recording import SHIPPED, Recording, load_recording, shipped_recording
 from cpgrl_opt.comparison.replay import replay
 from cpgrl_opt.solvers import is_installed, supports
 
@@ -44,42 +47,66 @@ class Row:
 
 
 def measured(name: str, recording: Recording, repeats: int) -> Iterator[Row]:
-    """A row for each solver, cold, and warm where it has such a start."""
+    """A row for each solver that takes all problems, cold, and warm where it has such a start."""
     for solver_name, warm in [*((solver, False) for solver in COLD), *((solver, True) for solver in WARM)]:
         solver = SOLVERS[solver_name]
-        if not is_installed(solver) or not supports(solver, recording.problems[0]):
+        if not is_installed(solver) or not all(supports(solver, problem) for problem in recording.problems):
             continue
         replay(recording, solver, warm=warm)  # compiles
         done = replay(recording, solver, warm=warm, repeats=repeats)
         yield Row(
-            name, len(recording), solver_name, "warm" if warm else "cold", int((done.status == 0).sum()),
-            float(np.median(done.iterations)), round(float(done.iterations.mean()), 1),
-            round(1e6 * float(np.median(done.seconds)), 1),
+            name, len(recording), solver_name, "warm" if warm else "cold",
+            int((done.status <= Status.INFEASIBLE).sum()), float(np.median(done.iterations)),
+            round(float(done.iterations.mean()), 1), round(1e6 * float(np.median(done.seconds)), 1),
         )  # fmt: skip
+
+
+def recordings(paths: Sequence[Path]) -> Iterator[tuple[str, Recording]]:
+    """(name, recording) of these files, of the shipped ones without any; with inequalities too, where that differs.
+
+    ValueError for a file that is no recording, or one of no problem.
+    """
+    given = [(str(path), load_recording(path)) for path in paths]
+    for name, recording in given or [(name, shipped_recording(name)) for name in SHIPPED]:
+        if not len(recording):
+            raise ValueError(f"{name} should hold at least one problem; found none")
+        yield f"{name}, as met", recording
+        if recording.equality.any():
+            yield f"{name}, cone", recording.as_inequalities()
 
 
 def main() -> None:
     """Measures, prints and writes."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results"))
+    parser.add_argument("--recording", type=Path, action="append", default=[])
+    parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    rows = []
-    for name in SHIPPED:
-        recording = shipped_recording(name)
-        for kind, own in (("as met", recording), ("cone", recording.as_inequalities())):
-            rows += list(measured(f"{name}, {kind}", own, arguments.repeats))
+    try:
+        chosen = list(recordings(arguments.recording))
+    except ValueError as error:
+        parser.error(str(error))
+    rows = [row for name, recording in chosen for row in measured(name, recording, arguments.repeats)]
+    command = " ".join(["python benchmarks/recorded_sequences.py", *(f"--recording {p}" for p in arguments.recording)])
     header = list(asdict(rows[0]))
-    with (arguments.out / "recorded_sequences.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, header, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(map(asdict, rows))
-    lines = ["# Recorded sequences, cold and warm", "", "`python benchmarks/recorded_sequences.py`", ""]
+    lines = ["# Recorded sequences, cold and warm", "", f"`{command}`", ""]
     lines += [f"| {' | '.join(map(str, cells))} |" for cells in (header, ["---"] * len(header))]
     lines += [f"| {' | '.join(str(value) for value in asdict(row).values())} |" for row in rows]
     lines += ["", f"{platform.platform()}, Python {platform.python_version()}, {arguments.repeats} repetitions."]
-    (arguments.out / "recorded_sequences.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
+    out = arguments.out or (None if arguments.recording else Path(__file__).with_name("results"))
+    if out is not None:
+        write(rows, lines, out)
+
+
+def write(rows: Sequence[Row], lines: Sequence[str], folder: Path) -> None:
+    """recorded_sequences.csv and .md."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "recorded_sequences.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(map(asdict, rows))
+    (folder / "recorded_sequences.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

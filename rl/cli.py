@@ -136,7 +136,9 @@ def export(
 @app.command()
 def compare(
     solvers: Annotated[str, typer.Option(help="Of `cpgrl solvers`, or package.module:SOLVER; default all.")] = "",
-    families: Annotated[str, typer.Option(help="Families of problems, * for many; default all.")] = "",
+    families: Annotated[
+        str, typer.Option(help="Of problems, * for many, or FILE.npz that --record wrote; default all.")
+    ] = "",
     problems: Annotated[int | None, typer.Option(help="Problems of each family: 20, or 3 with --quick.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the problems.")] = 0,
     quick: Annotated[bool, typer.Option("--quick", help="Under a minute: fewer families and problems.")] = False,

@@ -82,7 +82,7 @@ class Checkpoint:
             before = {}
         self.wall_seconds = float(before.get(_TIME, 0.0))
         for name, now in self._facts.items():
-            then = before.get(name)
+            then = before.get(name, {} if isinstance(now, Mapping) else None)
             if isinstance(now, Mapping) and isinstance(then, Mapping):
                 for key in (key for key in now if key in then):
                     self._require_agreement(f"{name}: {key}", then[key], now[key])

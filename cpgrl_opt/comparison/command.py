@@ -12,8 +12,9 @@ from time import monotonic
 from ..solvers import SOLVERS
 from .checkpoint import MEASUREMENTS, CellKey
 from .contestants import DEFAULT_SOLVER, installed
-from .families import FAMILIES, families_named
+from .families import FAMILIES
 from .measurement import Cell, Measurement, cells_of, write_cells
+from .named_families import families_asked, family_named
 from .runner import ComparisonSettings, Listen, open_checkpoint, run_comparison
 
 CELLS, REPORTS = "solvers.csv", ("report.md", "report.html")
@@ -58,7 +59,7 @@ class Request:
         limits = {"repeats": 3, "limit": 2.0} if self.quick else {"repeats": 5, "limit": 5.0}
         settings = ComparisonSettings(
             solvers=present,
-            families=tuple(families_named(self.families or standard)),
+            families=tuple(families_asked(self.families or standard)),
             problems=problems,
             seed=self.seed,
             repeats=int(limits["repeats"]),
@@ -117,7 +118,7 @@ def compare(
         machine=machine(),
         versions=found | {_package(name): "not installed" for name in absent},
         settings=settings.described(jobs),
-        families={name: FAMILIES[name].reason for name in settings.families},
+        families={name: family_named(name).reason for name in settings.families},
         seed=settings.seed,
         wall_seconds=checkpoint.wall_seconds,
         default_solver=DEFAULT_SOLVER,

@@ -28,7 +28,7 @@ class ProblemFamily:
 
     feasible: whether all its problems are; equality: whether constraints are equalities; well_posed: whether float64
     determines the direction, so that the distance from the exact one means something; is_large: n > 100, where
-    fewer problems are drawn and back ends are not tried raw.
+    fewer problems are drawn and back ends are not tried raw; feasibility: of one problem, where some are and some not.
     """
 
     name: str
@@ -38,6 +38,11 @@ class ProblemFamily:
     equality: bool
     well_posed: bool
     is_large: bool = False
+    feasibility: Callable[[DirectionProblem], bool] | None = None
+
+    def is_feasible(self, problem: DirectionProblem) -> bool:
+        """Whether this problem of the family is."""
+        return self.feasible if self.feasibility is None else self.feasibility(problem)
 
     def problem(self, number: int, seed: int) -> DirectionProblem:
         """Problem `number` of the family: bit for bit the same for a seed, whatever was drawn before."""
@@ -185,6 +190,8 @@ def families_named(patterns: Iterable[str]) -> dict[str, ProblemFamily]:
     for pattern in patterns:
         found = {name for name in FAMILIES if fnmatchcase(name, pattern)}
         if not found:
-            raise ValueError(f"family should be one of {', '.join(FAMILIES)}; found {pattern!r}")
+            raise ValueError(
+                f"family should be one of {', '.join(FAMILIES)}, or a recording, FILE.npz; found {pattern!r}"
+            )
         chosen |= found
     return {name: family for name, family in FAMILIES.items() if name in chosen}

@@ -11,6 +11,7 @@ from ..arrays import Float, Int
 from ..direction import Status
 from ..kkt import kkt_residuals
 from ..problem import DirectionProblem
+from ..solvers.infeasibility import least_violation
 from ..solvers.interface import DirectionSolver
 from .families import ProblemFamily
 from .recording import Recording
@@ -79,7 +80,8 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
     """The recording's problems, drawn evenly, as a family of the comparison.
 
     feasible: whether every problem's active rows can be met with equality, which suffices; well_posed: whether these
-    rows are independent, σ_min ≥ 1e-7 on unit rows. ValueError for a recording without problems.
+    rows are independent, σ_min ≥ 1e-7 on unit rows. A single problem is infeasible where a violation above 1e-9 is
+    proven, see `least_violation`. ValueError for a recording without problems.
     """
     if not len(recording):
         raise ValueError("a family should have a problem; found a recording of none")
@@ -92,7 +94,12 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
         name, f"problems met in training ({', '.join(recording.trainings)})", draw,
         feasible=all(feasible for feasible, _ in facts), equality=bool(recording.equality.any()),
         well_posed=all(well_posed for _, well_posed in facts), is_large=recording.gradient.shape[1] > 100,
+        feasibility=_is_feasible,
     )  # fmt: skip
+
+
+def _is_feasible(problem: DirectionProblem) -> bool:
+    return least_violation(problem) is None
 
 
 def _facts(problem: DirectionProblem) -> tuple[bool, bool]:

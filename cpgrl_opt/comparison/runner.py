@@ -10,6 +10,7 @@ from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
 from .families import FAMILIES
 from .measurement import Measurement
+from .named_families import digests, family_named
 from .processes import WorkerProcess
 from .worker import Order
 
@@ -22,9 +23,9 @@ Listen = Callable[[CellKey, int, int], None]  # (a cell that is finished, how ma
 class ComparisonSettings:
     """What is compared, and how thoroughly.
 
-    solvers: names that are installed; families: keys of FAMILIES; problems: of each family (a fifth of it where they
-    are large); repeats: timed calls of each solver on a problem; limit: CPU seconds after which an answer is a hang,
-    and what failures count as.
+    solvers: names that are installed; families: as `family_named` takes them; problems: of each family (a fifth of it
+    where they are large); repeats: timed calls of each solver on a problem; limit: CPU seconds after which an answer
+    is a hang, and what failures count as.
     """
 
     solvers: tuple[str, ...]
@@ -53,12 +54,12 @@ class ComparisonSettings:
             for family in self.families
             for solver in self.solvers
             for variant in variants_of(solver)
-            if variant == "prepared" or not FAMILIES[family].is_large
+            if variant == "prepared" or not family_named(family).is_large
         }
 
     def problems_of(self, family: str) -> int:
         """How many problems of a family are tried."""
-        return max(1, self.problems // _LARGE_SHARE) if FAMILIES[family].is_large else self.problems
+        return max(1, self.problems // _LARGE_SHARE) if family_named(family).is_large else self.problems
 
     def described(self, jobs: int) -> dict[str, object]:
         """The settings in a reader's words."""
@@ -109,7 +110,7 @@ def run_comparison(
 def open_checkpoint(settings: ComparisonSettings, folder: Path, versions: object, *, anew: bool = False) -> Checkpoint:
     """The folder's checkpoint; see `Checkpoint` for when it is refused."""
     facts = {name: getattr(settings, name) for name in ("problems", "seed", "repeats", "limit")}
-    return Checkpoint(folder, {**facts, "versions": versions}, anew=anew)
+    return Checkpoint(folder, {**facts, "versions": versions, "recordings": digests(settings.families)}, anew=anew)
 
 
 def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterable[list[Measurement]]:

@@ -29,6 +29,7 @@ from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import FAMILIES, ProblemFamily
 from .judgement import CRASHED, HUNG, UNSUPPORTED, Judgement, as_direction, judge
 from .measurement import Measurement
+from .named_families import family_named
 
 Solve = Callable[[DirectionProblem], Any]
 
@@ -98,6 +99,15 @@ def serve() -> None:
                 send(noise.channel, Refused(str(error) if is_known else told))
 
 
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A problem of a family. exact: where it is feasible, in rational arithmetic too, and small."""
+
+    problem: DirectionProblem
+    feasible: bool
+    exact: ExactAnswer | None
+
+
 class Bench:
     """The problems of the family at hand, drawn once for all solvers, with their exact answers."""
 
@@ -107,24 +117,26 @@ class Bench:
             for family in ("well-conditioned-equality", "opposing-1e-8", "infeasible", "infeasible-equality"):
                 SOLVERS[name].solve(FAMILIES[family].problem(0, 0))
         self.key: tuple[str, int] = ("", 0)
-        self.drawn: dict[int, tuple[DirectionProblem, ExactAnswer | None]] = {}
+        self.drawn: dict[int, Drawn] = {}
 
-    def problem(self, family: ProblemFamily, number: int, seed: int) -> tuple[DirectionProblem, ExactAnswer | None]:
-        """The problem and, where it is feasible and small, its exact answer."""
+    def problem(self, family: ProblemFamily, number: int, seed: int) -> "Drawn":
+        """The problem with its facts."""
         if self.key != (family.name, seed):
             self.key, self.drawn = (family.name, seed), {}
         if number not in self.drawn:
             problem = family.problem(number, seed)
-            known = family.feasible and is_small_enough(problem)
-            self.drawn[number] = problem, exact_answer(problem) if known else None
+            feasible = family.is_feasible(problem)
+            exact = exact_answer(problem) if feasible and is_small_enough(problem) else None
+            self.drawn[number] = Drawn(problem, feasible, exact if exact is not None and exact.feasible else None)
         return self.drawn[number]
 
     def carry_out(self, order: Order, noise: "NoiseFile") -> Iterator[Started | Measurement]:
         """First what the default needs, then what the contestant does."""
-        family = FAMILIES[order.family]
+        family = family_named(order.family)
         candidate = contestant(order.solver, order.variant)
         load_packages(order.solver)
-        problem, exact = self.problem(family, order.problem, order.seed)
+        drawn = self.problem(family, order.problem, order.seed)
+        problem = drawn.problem
         self.default(problem)
         started = Started(problem.n, problem.m, min(seconds_of(self.default, problem) for _ in range(3)))
         yield started
@@ -133,10 +145,10 @@ class Bench:
             return
         noise.grew()
         direction, first = answered(candidate.solve, problem)
-        is_raw, feasible = order.variant == "raw", family.feasible
         judgement = CRASHED
         if direction is not None:
-            judgement = judge(problem, direction, feasible=feasible, exact=exact, verdict_only=is_raw)
+            is_raw = order.variant == "raw"
+            judgement = judge(problem, direction, feasible=drawn.feasible, exact=drawn.exact, verdict_only=is_raw)
         if first > order.limit:  # came back before its parent looked
             judgement = HUNG
         if direction is None or judgement is HUNG:

@@ -1,0 +1,117 @@
+"""A user's own recording is a family of the comparison, and a sequence for the benchmark of warm starts."""
+
+import csv
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from cpgrl_opt.comparison.command import Request, compare
+from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.comparison.named_families import families_asked, family_named
+from cpgrl_opt.comparison.recording import Recording, empty_recording, shipped_recording
+
+MIXED = Request(solvers=["active-set"], families=["own.npz", "zero-rows"], problems=6)
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recording:
+    """own.npz in the current folder: two problems met, and between them one that is infeasible."""
+    monkeypatch.chdir(tmp_path)
+    recording = shipped_recording("three-state").chosen(slice(0, 3))
+    jacobian, bound, equality = recording.jacobian.copy(), recording.bound.copy(), recording.equality.copy()
+    jacobian[1, 1], bound[1], equality[1] = -jacobian[1, 0], [1.0, 1.0, -np.inf], False
+    recording = replace(recording, jacobian=jacobian, bound=bound, equality=equality)
+    recording.save(Path("own.npz"))
+    return recording
+
+
+def test_a_recording_is_compared_beside_named_families_and_resumed(
+    own: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = compare(MIXED, Path("out"))
+    assert [each.family for each in done.measurements] == ["zero-rows"] * 6 + ["own.npz"] * 6
+    assert {each.outcome for each in done.measurements} == {"success"}
+    verdicts = {each.status for each in done.measurements if each.family == "own.npz"}
+    assert verdicts == {"OPTIMAL", "INFEASIBLE"}, "feasible and infeasible problems are judged one by one"
+    assert "| `own.npz` | problems met in training" in Path("out/report.md").read_text(encoding="utf-8")
+
+    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    assert compare(MIXED, Path("out")).measurements == done.measurements
+    assert compare(replace(MIXED, families=["./own.npz"]), Path("out")).kept == 1
+    own.chosen(slice(0, 2)).save(Path("own.npz"))
+    with pytest.raises(ValueError, match=r"out holds measurements made with recordings: own\.npz = "):
+        compare(MIXED, Path("out"))
+
+
+def test_a_file_that_changes_is_read_again(own: Recording) -> None:
+    assert not family_named("own.npz").feasible
+    own.chosen(slice(0, 1)).save(Path("own.npz"))
+    assert family_named("own.npz").feasible
+
+
+def test_each_problem_is_feasible_or_not_by_itself(own: Recording) -> None:
+    family = family_named("own.npz")
+    assert [family.is_feasible(problem) for problem in own.problems] == [True, False, True]
+    assert FAMILIES["zero-rows"].is_feasible(FAMILIES["zero-rows"].problem(0, 0))
+
+
+@pytest.mark.usefixtures("own")
+def test_a_bad_file_is_refused_in_words() -> None:
+    Path("text.npz").write_text("no recording", encoding="utf-8")
+    empty_recording(["x"], "").save(Path("empty.npz"))
+    for name, message in (
+        ("nosuch.npz", r"nosuch\.npz should be a recording, .*; found no such file"),
+        ("text.npz", r"text\.npz should be a recording, an \.npz"),
+        ("empty.npz", r"empty\.npz should hold at least one problem to be a family; found none"),
+        ("own", r"family should be one of well-conditioned, .*, or a recording, FILE\.npz; found 'own'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Request(families=[name], solvers=["active-set"]).settings()
+    assert list(families_asked(["own.npz", "zero-*", "./own.npz"])) == ["zero-rows", "zero-rows-equality", "own.npz"]
+
+
+@pytest.fixture(scope="module")
+def benchmark() -> ModuleType:
+    path = Path(__file__).parents[2] / "benchmarks" / "recorded_sequences.py"
+    spec = importlib.util.spec_from_file_location("recorded_sequences", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["recorded_sequences"] = module  # where dataclasses look for their annotations
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.usefixtures("own")
+def test_the_benchmark_of_sequences_replays_a_file_cold_and_warm(
+    benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = benchmark.__file__
+    before = sorted((path, path.stat().st_mtime_ns) for path in Path(str(results)).with_name("results").iterdir())
+    monkeypatch.setattr(benchmark, "COLD", ("active-set", "rosen", "osqp"))
+    typed = ["recorded_sequences.py", "--recording", "own.npz", "--repeats", "1"]
+    monkeypatch.setattr(sys, "argv", typed)
+    benchmark.main()
+    printed = capsys.readouterr().out
+    assert "| own.npz, cone | 3 | active-set | cold | 3 |" in printed
+    after = sorted((path, path.stat().st_mtime_ns) for path in Path(str(results)).with_name("results").iterdir())
+    assert after == before, "the committed results are of the shipped recordings"
+
+    monkeypatch.setattr(sys, "argv", [*typed, "--out", "replayed"])
+    benchmark.main()
+    with Path("replayed/recorded_sequences.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    warm = ["cold", "warm"] if len(rows) > 2 else []  # osqp may be absent
+    assert [row["start"] for row in rows if row["solver"] == "osqp"] == warm * 2
+    assert {row["recording"] for row in rows} == {"own.npz, as met", "own.npz, cone"}
+    assert "rosen" not in {row["solver"] for row in rows}, "it takes equalities only"
+
+    monkeypatch.setattr(sys, "argv", ["recorded_sequences.py", "--recording", "nosuch.npz"])
+    with pytest.raises(SystemExit, match="2"):
+        benchmark.main()
+    assert "nosuch.npz should be a recording" in capsys.readouterr().err
