@@ -57,7 +57,13 @@ from .optimality import (
     check_stationarity,
     check_zero_only_when_optimal,
 )
-from .projection_laws import check_firm_non_expansiveness, check_idempotence, check_non_expansiveness
+from .projection_laws import (
+    check_firm_non_expansiveness,
+    check_idempotence,
+    check_non_expansiveness,
+    check_restoration_is_normal,
+    check_symmetry,
+)
 from .pytest_items import parametrize_with_checks
 from .sensitivity import distance_bound, hoffman_constant
 from .sequences import check_batch_is_loop, check_warm_start_is_cold_start
@@ -95,11 +101,13 @@ __all__ = [
     "check_non_finite_is_refused",
     "check_permutation",
     "check_primal_feasibility",
+    "check_restoration_is_normal",
     "check_rotation",
     "check_row_scaling",
     "check_scaling",
     "check_silence",
     "check_stationarity",
+    "check_symmetry",
     "check_warm_start_is_cold_start",
     "check_zero_only_when_optimal",
     "direction_problems",

@@ -188,6 +188,8 @@ _TABLE = (
     Law(projection_laws.check_idempotence, _well_posed, _PROJECTIONS),
     Law(projection_laws.check_non_expansiveness, _with_gradient, _PROJECTIONS),
     Law(projection_laws.check_firm_non_expansiveness, _with_gradient, _PROJECTIONS),
+    Law(projection_laws.check_restoration_is_normal, _well_posed, (Case.AFFINE,)),
+    Law(projection_laws.check_symmetry, _with_gradient, (Case.TANGENT,)),
     Law(invariance.check_permutation, _with_order),
     Law(invariance.check_row_scaling, _with_factors),
     Law(invariance.check_scaling, _with_factor),

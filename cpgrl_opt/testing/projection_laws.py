@@ -1,7 +1,7 @@
 """Laws of a metric projection p(g), the nearest point of a closed convex set: idempotent and firmly non-expansive.
 
 In a metric M the projection is that of M⁻¹g, directions are measured by ‖d‖_M and gradients by ‖g‖_M⁻¹. A problem with
-a radius is no projection, and none of these laws is about it.
+a radius is no projection, and none of these laws is about it. Onto {d : J d = 0} p is linear, the paper's P.
 """
 
 import numpy as np
@@ -10,7 +10,17 @@ from numpy.typing import ArrayLike
 from ..arrays import Vector
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, tolerance_of
-from .law import Answer, law, length, optimum_of, require_at_most, varied, whitened
+from .law import (
+    Answer,
+    NothingClaimed,
+    Outcome,
+    law,
+    length,
+    optimum_of,
+    require_at_most,
+    varied,
+    whitened,
+)
 from .sensitivity import distance_bound
 
 
@@ -74,6 +84,66 @@ def check_firm_non_expansiveness(solver: DirectionSolver, problem: DirectionProb
         first,
         second,
     )
+
+
+@law
+def check_restoration_is_normal(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """P v = 0 for v = p(0) on {v : J v = b}, the restoration: ‖P v‖ ≤ δ + δ′, P v being p(v) on {s : J s = 0}.
+
+    v is within δ = `distance_bound`(ε) of J⁺b, which P takes to 0, and P v is found within δ′ = that of the second
+    problem. With b = −slack v is −d of eq. 10, so P d = 0. In a metric, with a radius or an inequality: skipped.
+    Source: eq. 9–10 of the paper; Ben-Israel & Greville, Generalized Inverses, §3.2.
+    """
+    _require_tangent_face(problem)
+    restoring = with_gradient(problem, np.zeros(problem.n))
+    v = optimum_of(solver, restoring)
+    tangent = varied(restoring, gradient=v.value, bound=np.zeros(problem.m))
+    s = optimum_of(solver, tangent)
+    epsilon = tolerance_of(solver)
+    require_at_most(
+        length(s.value),
+        distance_bound(restoring, epsilon, v.value) + distance_bound(tangent, epsilon, s.value),
+        f"‖P v‖, v = {v.value.tolist()} the restoration",
+        "The restoration has a tangent part, so it is not the shortest: J⁺b = Jᵀ(J Jᵀ)⁺b has none.",
+        restoring,
+        v,
+        s,
+    )
+
+
+@law
+def check_symmetry(solver: DirectionSolver, problem: DirectionProblem, other: ArrayLike) -> None:
+    """⟨P a, b⟩ = ⟨a, P b⟩ within δ‖b‖ + δ′‖a‖, P a = p(a) on {s : J s = 0}, a = g and b = `other`, (n,): P = Pᵀ.
+
+    δ and δ′ are the `distance_bound`(ε) of the two answers. Of all projections onto the tangent space only the
+    orthogonal one is symmetric. In a metric, with a radius, an inequality or b ≠ 0: skipped.
+    Source: eq. 9 of the paper; Halmos, Finite-Dimensional Vector Spaces, §75.
+    """
+    _require_tangent_face(problem)
+    if problem.bound.any():
+        raise NothingClaimed(Outcome.SKIPPED)
+    second_problem = with_gradient(problem, other)
+    first, second = optimum_of(solver, problem), optimum_of(solver, second_problem)
+    sizes = [length(problem.gradient), length(second_problem.gradient)]
+    if not all(sizes):
+        return
+    a, b = problem.gradient / sizes[0], second_problem.gradient / sizes[1]
+    epsilon = tolerance_of(solver)
+    bounds = [distance_bound(problem, epsilon, first.value), distance_bound(second_problem, epsilon, second.value)]
+    require_at_most(
+        abs(float(first.value / sizes[0] @ b - a @ (second.value / sizes[1]))),
+        sum(bound / size for bound, size in zip(bounds, sizes, strict=True)),
+        f"|⟨P a, b⟩ − ⟨a, P b⟩| / (‖a‖ ‖b‖) with b = {np.asarray(other).tolist()}",
+        "P projects along another direction than the rows of J: a metric, unequal steps, or weights in the way?",
+        problem,
+        first,
+        second,
+    )
+
+
+def _require_tangent_face(problem: DirectionProblem) -> None:
+    if problem.metric is not None or problem.radius is not None or not problem.equality.all():
+        raise NothingClaimed(Outcome.SKIPPED)
 
 
 def with_gradient(problem: DirectionProblem, gradient: ArrayLike) -> DirectionProblem:

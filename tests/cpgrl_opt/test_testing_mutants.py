@@ -3,22 +3,16 @@
 import os
 import warnings
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import qr
 
 from cpgrl_opt import Direction, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.testing import (
-    LawBroken,
-    Outcome,
-    check_direction_solver,
-    check_dual_feasibility,
-    check_primal_feasibility,
-    check_stationarity,
-)
+from cpgrl_opt.solvers import WithGeometry
+from cpgrl_opt.testing import LawBroken, check_direction_solver
 
 RANK = 1e-12
 
@@ -105,6 +99,7 @@ def test_a_correct_solver_of_a_third_party_passes():
 
 
 CORRECT = ByHand()
+CORRECT_IN_METRICS = WithGeometry(CORRECT)
 
 
 def flipped_sign_of_the_gradient(problem):
@@ -250,6 +245,49 @@ def metric_forgotten(problem):
     return claimed(answer.value / weights, answer.multipliers, answer.status)
 
 
+def inverse_metric_forgotten(problem):
+    """d = g + M⁻¹Jᵀν for M⁻¹(g + Jᵀμ): it meets the constraints, which is why such a step looks right."""
+    M = np.eye(problem.n) if problem.metric is None else problem.metric
+    g = M * problem.gradient if M.ndim == 1 else M @ problem.gradient
+    return CORRECT_IN_METRICS.solve(
+        DirectionProblem(g, problem.jacobian, problem.bound, problem.equality, problem.metric)
+    )
+
+
+def metric_ignored(problem):
+    return CORRECT.solve(DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality))
+
+
+def one_row_after_the_other(problem):
+    """A product of projections, which is none where rows are not orthogonal."""
+    d = problem.gradient.copy()
+    for row in problem.jacobian[problem.jacobian.any(axis=1)]:
+        unit = row / np.linalg.norm(row)
+        d -= (unit @ d) * unit
+    return claimed(d, np.zeros(problem.m))
+
+
+def basic_restoration(problem):
+    """Of J v = b the solution with fewest entries for the shortest."""
+    if problem.gradient.any() or not problem.m:
+        return CORRECT.solve(problem)
+    columns = qr(problem.jacobian, mode="r", pivoting=True)[1][: np.linalg.matrix_rank(problem.jacobian)]
+    v = np.zeros(problem.n)
+    v[columns] = np.linalg.lstsq(problem.jacobian[:, columns], problem.bound, rcond=None)[0]
+    return claimed(v, np.zeros(problem.m))
+
+
+def restoration_with_a_bit_of_tangent(problem):
+    """J⁺b + 0.01‖J⁺b‖ P(1, 2, …)/‖P(1, 2, …)‖."""
+    answer = CORRECT.solve(problem)
+    if problem.gradient.any():
+        return answer
+    tangent = face_projection(np.arange(1.0, problem.n + 1), problem.jacobian, np.zeros(problem.m))[0]
+    size = np.linalg.norm(tangent)
+    more = 0.01 * np.linalg.norm(answer.value) * tangent / size if size > 1e-6 else 0.0
+    return claimed(answer.value + more, answer.multipliers, answer.status)
+
+
 class StaleActiveSet:
     """Keeps the active set of the last problem of the same size."""
 
@@ -287,6 +325,18 @@ def inequalities_only(problem):
     return not problem.equality.any()
 
 
+def equalities_only(problem):
+    return problem.equality.all()
+
+
+def tangents_only(problem):
+    return problem.equality.all() and not problem.bound.any()
+
+
+def metrics(problem):
+    return problem.radius is None
+
+
 # mutant → the laws that name what is wrong with it, and the problems it takes
 MUTANTS = {
     flipped_sign_of_the_gradient: (("check_complementarity", "check_idempotence"), inequalities_only),
@@ -296,7 +346,15 @@ MUTANTS = {
     short_rows_ignored: (("check_primal_feasibility", "check_row_scaling"), every_case),
     gram_without_row_scaling: (("check_primal_feasibility", "check_row_scaling"), every_case),
     every_row_an_equality: (("check_dual_feasibility", "check_gradient_kept_when_feasible"), cone_only),
-    metric_forgotten: (("check_stationarity", "check_rotation", "check_agreement_with_enumeration"), every_case),
+    metric_forgotten: (
+        ("check_symmetry", "check_stationarity", "check_rotation", "check_agreement_with_enumeration"),
+        every_case,
+    ),
+    inverse_metric_forgotten: (("check_stationarity", "check_idempotence"), metrics),
+    metric_ignored: (("check_stationarity", "check_idempotence"), metrics),
+    one_row_after_the_other: (("check_symmetry", "check_idempotence"), tangents_only),
+    basic_restoration: (("check_restoration_is_normal",), equalities_only),
+    restoration_with_a_bit_of_tangent: (("check_restoration_is_normal",), equalities_only),
     forgets_the_last_row: (("check_primal_feasibility", "check_permutation"), every_case),
     always_declines: (("check_stationarity", "check_infeasible_is_called_infeasible"), every_case),
     always_zero: (("check_zero_only_when_optimal", "check_stationarity"), every_case),
@@ -314,6 +372,15 @@ MUTANTS = {
     StaleActiveSet: (("check_answers_repeat", "check_claims_are_certified"), inequalities_only),
     OwnRandomness: (("check_answers_repeat",), every_case),
 }
+AT_SOME_SCALE = {
+    (printed_stop_rule, "check_dual_feasibility"),  # rows that nearly oppose
+    (short_rows_ignored, "check_primal_feasibility"),
+    (short_rows_ignored, "check_row_scaling"),
+    (gram_without_row_scaling, "check_primal_feasibility"),
+    (never_infeasible, "check_claims_are_certified"),  # bounds that nearly meet
+    (StaleActiveSet, "check_claims_are_certified"),
+    (StaleActiveSet, "check_answers_repeat"),
+}
 CASES = [
     pytest.param(mutant, law, marks=[pytest.mark.slow] if k > 0 else [], id=f"{mutant.__name__}-{law}")
     for mutant, (laws, _) in MUTANTS.items()
@@ -322,12 +389,12 @@ CASES = [
 
 
 def as_solver(mutant):
-    method = mutant() if isinstance(mutant, type) else mutant
-    return SimpleNamespace(solve=method, supports=MUTANTS[mutant][1])
+    method, takes = mutant() if isinstance(mutant, type) else mutant, MUTANTS[mutant][1]
+    return SimpleNamespace(solve=method, supports=takes, takes_geometry=takes is metrics)
 
 
 @pytest.mark.parametrize(("mutant", "law"), CASES)
-def test_a_known_bad_solver_is_rejected_with_a_counterexample_that_runs(mutant, law):
+def test_a_known_bad_solver_is_rejected_with_a_small_counterexample_that_runs(mutant, law):
     verdict = check_direction_solver(as_solver(mutant), checks=[law], max_examples=40)
     assert not verdict.passed
     result = verdict[law]
@@ -336,27 +403,27 @@ def test_a_known_bad_solver_is_rejected_with_a_counterexample_that_runs(mutant, 
         assert result.declined > 0.05 * result.run
         return
     assert result.failed > 0
-    assert f"def test_{law.removeprefix('check_')}_holds_here(solver)" in result.counterexample
+    name = f"test_{law.removeprefix('check_')}_holds_here"
+    assert f"def {name}(solver)" in result.counterexample
     scope = {}
     exec(result.counterexample, scope)
-    example = scope[f"test_{law.removeprefix('check_')}_holds_here"]
     if not isinstance(mutant, type):  # those with a memory need not fail twice in a row
         with pytest.raises(LawBroken):
-            example(as_solver(mutant))
-    example(CORRECT)
+            scope[name](as_solver(mutant))
+    scope[name](CORRECT_IN_METRICS)
+    arguments = {}
+    scope[law] = lambda _, **given: arguments.update(given)
+    scope[name](None)
+    assert_small(arguments, mutant, law)
 
 
-def _always(answer, _):
-    return answer
-
-
-def test_an_inverse_metric_forgotten_in_front_of_the_gradient_is_rejected():
-    """d = g + M⁻¹Jᵀν instead of M⁻¹(g + Jᵀμ): M = diag(4, 1), so by hand d = (1.6, 1.6) where (0.4, 0.4) is right."""
-    problem = DirectionProblem([2.0, 0.0], [[-1.0, 1.0]], metric=[4.0, 1.0])
-    answers = claimed([1.6, 1.6], [1.6]), claimed([0.4, 0.4], [0.4])
-    wrong, right = (SimpleNamespace(solve=partial(_always, answer), takes_geometry=True) for answer in answers)
-    for check in (check_primal_feasibility, check_dual_feasibility, check_stationarity):
-        assert check(right, problem) == Outcome.HELD
-    assert check_primal_feasibility(wrong, problem) == Outcome.HELD  # which is why such a step looks right
-    with pytest.raises(LawBroken, match="stationarity"):
-        check_stationarity(wrong, problem)
+def assert_small(arguments, mutant, law):
+    """n, m ≤ 3 and integers of two digits at most; where the fault is at some scale, few numbers at least."""
+    problem = arguments["problem"]
+    metric = [] if problem.metric is None else problem.metric
+    numbers = np.concatenate([np.ravel(each) for each in (problem.gradient, problem.jacobian, problem.bound, metric)])
+    assert np.count_nonzero(numbers) <= 7
+    if (mutant, law) not in AT_SOME_SCALE:
+        assert max(problem.n, problem.m) <= 3
+        assert np.abs(numbers).max() <= 99
+        np.testing.assert_array_equal(numbers, np.round(numbers))
