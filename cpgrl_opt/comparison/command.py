@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from time import monotonic
 
 from ..solvers import SOLVERS
 from .checkpoint import MEASUREMENTS, CellKey
@@ -106,11 +105,7 @@ def compare(
     settings, absent = request.settings()
     found = versions(settings.solvers)
     checkpoint = open_checkpoint(settings, folder, found, anew=anew)
-    start = monotonic()
-    try:
-        measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)
-    finally:
-        checkpoint.add_time(monotonic() - start)
+    measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)
     cells = cells_of(measurements)
     write_cells(folder / CELLS, cells)
     context = ReportContext(
@@ -122,6 +117,7 @@ def compare(
         seed=settings.seed,
         wall_seconds=checkpoint.wall_seconds,
         default_solver=DEFAULT_SOLVER,
+        ill_posed=[name for name in settings.families if not family_named(name).well_posed],
     )
     reports = write_report(cells, measurements, context, folder)
     files = checkpoint.path, folder / CELLS, *reports

@@ -9,6 +9,8 @@ from .profiles import Key, Profile, performance_profiles, problems_met
 from .report_context import ReportContext
 from .tallies import Gain, Tally, gains, tallies, tally
 
+FAR = 1e-6  # relative distance from the exact direction
+
 
 @dataclass(frozen=True, kw_only=True)
 class FamilyRow:
@@ -29,12 +31,26 @@ class FamilyRow:
     time_ratio: float | None
 
 
+@dataclass(frozen=True)
+class Astray:
+    """The answers behind the preparation to one ill-posed family that count as success and whose d* is known.
+
+    certified: their number; far: of them, how many are farther than FAR from d*; largest: distance, 0 without any.
+    """
+
+    family: str
+    certified: int
+    far: int
+    largest: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Findings:
     """Everything that both documents show.
 
     prepared, raw: pooled counts, the best first; common: profiles of all solvers × variants over the problems that
-    the raw back ends met too (all problems where there are no raw ones); profiles: of the prepared over all.
+    the raw back ends met too (all problems where there are no raw ones); profiles: of the prepared over all; astray:
+    of each ill-posed family.
     """
 
     context: ReportContext
@@ -43,6 +59,7 @@ class Findings:
     rows: tuple[FamilyRow, ...]
     prepared: tuple[Tally, ...]
     raw: tuple[Tally, ...]
+    astray: tuple["Astray", ...]
     gains: tuple[Gain, ...]
     choice: Choice
     profiles: Mapping[Key, Profile]
@@ -73,8 +90,9 @@ def find(cells: Sequence[Cell], measurements: Sequence[Measurement], context: Re
         cells={(cell.solver, cell.variant, cell.family): cell for cell in cells},
         families=families,
         rows=tuple(_family_row(family, context.families.get(family, ""), cells) for family in families),
-        prepared=tuple(tallies(cells, "prepared")),
-        raw=tuple(tallies(cells, "raw")),
+        prepared=tuple(tallies(cells, "prepared", context.ill_posed)),
+        raw=tuple(tallies(cells, "raw", context.ill_posed)),
+        astray=tuple(_astray(family, measurements) for family in families if family in context.ill_posed),
         gains=tuple(gains(measurements)),
         choice=choose(cells),
         profiles=performance_profiles(measurements, everything, ("prepared",)),
@@ -83,6 +101,15 @@ def find(cells: Sequence[Cell], measurements: Sequence[Measurement], context: Re
         common_problems=len(common),
         measured=len(measurements),
     )
+
+
+def _astray(family: str, measurements: Sequence[Measurement]) -> Astray:
+    distances = [
+        each.distance
+        for each in measurements
+        if (each.family, each.variant, each.outcome) == (family, "prepared", "success") and each.distance is not None
+    ]
+    return Astray(family, len(distances), sum(each > FAR for each in distances), max(distances, default=0.0))
 
 
 def _family_row(family: str, reason: str, cells: Sequence[Cell]) -> FamilyRow:

@@ -12,7 +12,7 @@ from .markup import Markup, element, join
 from .outcome_bars import outcome_bars
 from .profile_drawing import overview, panels
 from .report_tables import family_table, preparation_table, solver_table
-from .wording import choice_sentences, limitations, question, terms
+from .wording import astray_sentence, choice_sentences, limitations, question, terms
 
 TITLE = "Comparison of direction solvers"
 
@@ -22,7 +22,7 @@ def html_report(findings: Findings) -> str:
     sections = [
         ("choice", "Which solver to choose", _choice(findings)),
         ("outcomes", "Outcomes at a glance", _outcomes(findings)),
-        ("solvers", "Solvers in numbers", solver_table(findings)),
+        ("solvers", "Solvers in numbers", _numbers(findings)),
         ("maps", "Family by family", heat_maps(findings)),
         ("preparation", "What the preparation buys", preparation_table(findings)),
         ("time", "Time", _time(findings)),
@@ -76,6 +76,11 @@ def _outcomes(findings: Findings) -> Markup:
     words = [join([element("dt", term), element("dd", meaning)]) for term, meaning in terms()]
     glossary = element("details", element("summary", "What the words mean"), element("dl", *words))
     return join([element("figure", element("figcaption", text), outcome_bars(findings)), glossary])
+
+
+def _numbers(findings: Findings) -> Markup:
+    sentence = astray_sentence(findings)
+    return join([solver_table(findings), *([element("p", sentence)] if sentence else [])])
 
 
 def _time(findings: Findings) -> Markup | None:

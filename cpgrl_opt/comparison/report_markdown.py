@@ -7,6 +7,7 @@ from .findings import FamilyRow, Findings
 from .tallies import Gain, Tally
 from .wording import (
     NOTHING,
+    astray_sentence,
     choice_sentences,
     distance_text,
     limitations,
@@ -39,10 +40,12 @@ def markdown_report(findings: Findings) -> str:
         "\n".join(f"{number}. {step}" for number, step in enumerate(RULE, 1)),
         "## Solvers",
         "Each cell: behind the preparation / raw. Percentages are of the problems taken, all families pooled; "
-        "distance is the largest from the exact direction, relative; time ratio is the geometric mean of CPU time over "
+        "distance is the largest from the exact direction, relative, on well-posed families and on ill-posed ones, of "
+        "which float64 does not determine the direction; time ratio is the geometric mean of CPU time over "
         f"{context.default_solver}'s, failures counted at the time limit.",
         _bullets(f"**{term}**: {meaning}" for term, meaning in terms()),
         _main_table(findings),
+        astray_sentence(findings),
         *_preparation(findings),
         "## Families",
         "Solved by: the solvers behind the preparation that solve every problem of the family, of those that take it. "
@@ -74,6 +77,7 @@ def _main_table(findings: Findings) -> str:
         "crashes",
         "noise",
         "distance",
+        "distance, ill-posed",
         "time ratio",
     ]
     rows = []
@@ -86,7 +90,7 @@ def _main_table(findings: Findings) -> str:
 
 def _figures(each: Tally | None) -> list[str]:
     if each is None:
-        return [NOTHING] * (len(_SHARES) + 6)
+        return [NOTHING] * (len(_SHARES) + 7)
     return [
         str(each.taken),
         *(percent_text(each.percent(outcome)) for _, outcome in _SHARES),
@@ -94,6 +98,7 @@ def _figures(each: Tally | None) -> list[str]:
         str(each.count("crash")),
         str(each.noise),
         distance_text(each.distance_max),
+        distance_text(each.ill_posed_distance),
         ratio_text(each.time_ratio),
     ]
 

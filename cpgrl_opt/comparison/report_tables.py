@@ -27,7 +27,8 @@ _SHARES = (
 
 def solver_table(findings: Findings) -> Markup:
     """A row per solver, prepared and raw side by side."""
-    titles = ["problems", *(title for title, _ in _SHARES), "hangs", "crashes", "noise", "distance", "time ratio"]
+    counted = ("hangs", "crashes", "noise")
+    titles = ["problems", *(title for title, _ in _SHARES), *counted, "distance", "distance, ill-posed", "time ratio"]
     variants = [("prepared", "prep.")] + ([("raw", "raw")] if findings.raw else [])
     groups = [element("th", class_="group"), *(group_head(title, len(variants)) for title in titles)]
     names = [name for _ in titles for _, name in variants]
@@ -39,7 +40,8 @@ def solver_table(findings: Findings) -> Markup:
     more = (
         "Prep.: behind the preparation. Percent of the problems taken, all families pooled; noise: problems "
         "with output on stdout or stderr; "
-        "distance: the largest from the exact direction, relative; time ratio: geometric mean of CPU time over "
+        "distance: the largest from the exact direction, relative, on well-posed families; ill-posed: where "
+        "float64 does not determine that direction; time ratio: geometric mean of CPU time over "
         f"{findings.context.default_solver}'s, failures counted at the time limit. Click a heading to sort."
     )
     text = caption("Table 1.", "Every solver behind the preparation, and raw beside it.", more)
@@ -48,7 +50,7 @@ def solver_table(findings: Findings) -> Markup:
 
 def _figures(each: Tally | None) -> list[Markup]:
     if each is None:
-        return [number_cell("–", None) for _ in range(len(_SHARES) + 6)]
+        return [number_cell("–", None) for _ in range(len(_SHARES) + 7)]
     shares = [(each.percent(outcome), outcome) for _, outcome in _SHARES]
     return [
         number_cell(str(each.taken), each.taken),
@@ -57,6 +59,7 @@ def _figures(each: Tally | None) -> list[Markup]:
         number_cell(str(each.count("crash")), each.count("crash"), _alarm("crash", each.count("crash"))),
         number_cell(str(each.noise), each.noise, _alarm("noise", each.noise)),
         number_cell(distance_text(each.distance_max), each.distance_max),
+        number_cell(distance_text(each.ill_posed_distance), each.ill_posed_distance),
         number_cell(ratio_text(each.time_ratio), each.time_ratio),
     ]
 

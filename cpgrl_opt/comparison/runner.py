@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 
 from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
@@ -95,13 +96,18 @@ def run_comparison(
     cells = settings.cells()
     done = checkpoint.finished(cells)
     remaining = [cell for cell in cells if cell not in done]
-    for measurements in _measured(settings, remaining, jobs):
-        first = measurements[0]
-        cell = (first.solver, first.variant, first.family)
-        checkpoint.append(measurements)
-        done[cell] = measurements
-        if listen is not None:
-            listen(cell, len(done), len(cells))
+    start = monotonic()
+    try:
+        for measurements in _measured(settings, remaining, jobs):
+            first = measurements[0]
+            cell = (first.solver, first.variant, first.family)
+            checkpoint.append(measurements)
+            done[cell] = measurements
+            if listen is not None:
+                listen(cell, len(done), len(cells))
+    finally:
+        if remaining:  # reading and reporting is not measuring
+            checkpoint.add_time(monotonic() - start)
     ordered = [each for cell in cells for each in done[cell]]
     checkpoint.rewrite(ordered)
     return ordered

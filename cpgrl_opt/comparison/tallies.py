@@ -1,7 +1,7 @@
 """The cells of one solver pooled over families, and the same problems with and without the preparation."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from .measurement import OUTCOMES, Cell, Measurement, cells_of
@@ -13,8 +13,9 @@ UNSAFE = ("silently-wrong", "false-infeasible", "missed-infeasible", "hang", "cr
 class Tally:
     """Counts of one solver × variant over several families, each problem weighing the same.
 
-    counts: in the order of OUTCOMES; distance_max: from the exact direction, None where never measured; time_ratio:
-    geometric mean over the problems taken, None where none was.
+    counts: in the order of OUTCOMES; distance_max: from the exact direction, None where never measured, and
+    ill_posed_distance: the same over the families where float64 does not determine it, which enter no distance_max;
+    time_ratio: geometric mean over the problems taken, None where none was.
     """
 
     solver: str
@@ -23,6 +24,7 @@ class Tally:
     counts: tuple[int, ...]
     noise: int
     distance_max: float | None
+    ill_posed_distance: float | None
     time_ratio: float | None
 
     def count(self, outcome: str) -> int:
@@ -49,19 +51,23 @@ class Tally:
         return 100.0 * self.count("success") / self.problems if self.problems else 0.0
 
 
-def tally(solver: str, variant: str, cells: Iterable[Cell]) -> Tally:
-    """The cells of this solver × variant added up."""
+def tally(solver: str, variant: str, cells: Iterable[Cell], ill_posed: Collection[str] = ()) -> Tally:
+    """The cells of this solver × variant added up. ill_posed: names of families."""
     own = [cell for cell in cells if (cell.solver, cell.variant) == (solver, variant)]
-    distances = [cell.distance_max for cell in own if cell.distance_max is not None]
     return Tally(
         solver=solver,
         variant=variant,
         problems=sum(cell.problems for cell in own),
         counts=tuple(sum(getattr(cell, name.replace("-", "_")) for cell in own) for name in OUTCOMES),
         noise=sum(cell.noise for cell in own),
-        distance_max=max(distances, default=None),
+        distance_max=_farthest(cell for cell in own if cell.family not in ill_posed),
+        ill_posed_distance=_farthest(cell for cell in own if cell.family in ill_posed),
         time_ratio=_pooled_ratio(own),
     )
+
+
+def _farthest(cells: Iterable[Cell]) -> float | None:
+    return max((cell.distance_max for cell in cells if cell.distance_max is not None), default=None)
 
 
 def _pooled_ratio(cells: Iterable[Cell]) -> float | None:
@@ -72,13 +78,13 @@ def _pooled_ratio(cells: Iterable[Cell]) -> float | None:
     return math.exp(sum(weight * log for weight, log in logs) / total) if total else None
 
 
-def tallies(cells: Sequence[Cell], variant: str) -> list[Tally]:
+def tallies(cells: Sequence[Cell], variant: str, ill_posed: Collection[str] = ()) -> list[Tally]:
     """One per solver that has this variant, the best first.
 
     Best: the most successes per problem, taken or not, then the fewest unsafe answers, the fastest, the name.
     """
     solvers = dict.fromkeys(cell.solver for cell in cells if cell.variant == variant)
-    return sorted((tally(solver, variant, cells) for solver in solvers), key=_rank)
+    return sorted((tally(solver, variant, cells, ill_posed) for solver in solvers), key=_rank)
 
 
 def _rank(each: Tally) -> tuple[float, int, float, str]:

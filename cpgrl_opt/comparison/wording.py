@@ -1,10 +1,11 @@
 """Numbers and sentences that both documents share, so that they cannot differ."""
 
 from .choice import Choice
-from .findings import Findings
+from .findings import FAR, Findings
 from .tallies import UNSAFE, Tally
 
 NOTHING = "–"
+FAR_TEXT = f"{FAR:.0e}".replace("e-0", "e-")
 
 
 def percent_text(value: float | None, digits: int = 1) -> str:
@@ -29,6 +30,22 @@ def ratio_text(value: float | None) -> str:
 def distance_text(value: float | None) -> str:
     """A relative distance to one figure, or –."""
     return NOTHING if value is None else f"{value:.0e}" if value else "0"
+
+
+def astray_sentence(findings: Findings) -> str:
+    """What is certified, yet far from the exact direction; nothing where no family is ill-posed."""
+    known = [each for each in findings.astray if each.certified]
+    if not known:
+        return ""
+    far = sorted((each for each in known if each.far), key=lambda each: -each.largest)
+    told = [f"{each.far} of {each.certified} on {each.family} (up to {distance_text(each.largest)})" for each in far]
+    others = [each.family for each in known if not each.far]
+    parts = [", ".join(told) or "none", *([f"none on {', '.join(others)}"] if told and others else [])]
+    return (
+        "Certified, yet far from the exact direction: on an ill-posed family float64 does not determine the direction, "
+        "since data that differ by rounding have other directions. Of the answers behind the preparation that count as "
+        f"success there, this many are farther than {FAR_TEXT} from the exact direction: {'; '.join(parts)}."
+    )
 
 
 def question(findings: Findings) -> str:
@@ -133,8 +150,8 @@ def limitations(findings: Findings) -> list[str]:
         "1e-10 rad cannot be certified in float64: there an honest failure is the best possible answer.",
         "Residuals say how well an answer solves a problem near the one given: at an angle θ from opposing or parallel "
         "rows, a residual ε allows a direction that is off by ε/θ. The distance to the exact direction, by rational "
-        "arithmetic on feasible problems that are small enough, shows it: where θ is 1e-10 or less, some answers that "
-        "count as success are far from exact.",
+        "arithmetic on feasible problems that are small enough, shows it; families on which float64 does not determine "
+        "the direction have a column of their own there.",
         "One seed, one draw of each problem: percentages of a family with few problems move in large steps.",
         "The authors of the default solver wrote this comparison. The measurements lie beside the report, "
         "and the command below makes them again.",

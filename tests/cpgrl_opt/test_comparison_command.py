@@ -72,7 +72,9 @@ def test_a_part_is_reported_alone_and_drops_nothing(tmp_path: Path, monkeypatch:
     assert said[-1] == "measurements.csv keeps what was finished before and not asked for now, unreported: cells: 1."
     assert "zero-rows-equality" not in (tmp_path / "report.md").read_text()
     assert [each.family for each in read_cells(tmp_path / "solvers.csv")] == ["zero-rows"]
+    monkeypatch.setattr("cpgrl_opt.comparison.runner.monotonic", iter(range(0, 1000, 100)).__next__)
     assert compare(whole, tmp_path).measurements == done
+    assert '"wall_seconds": 0.0' in (tmp_path / "settings.json").read_text(), "nothing was measured"
 
 
 def test_a_quick_comparison_has_a_folder_of_its_own() -> None:

@@ -1,6 +1,7 @@
 """The documents say what the cells say, in well-formed HTML that needs no other file."""
 
 import random
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -201,3 +202,24 @@ def test_a_part_of_the_comparison_can_be_reported(variants: tuple[str, ...], tmp
     Page(html)
     assert ("What the preparation buys" in markdown, "What the preparation buys" in html) == (False, False)
     assert "nan" not in markdown
+
+
+def test_what_float64_does_not_determine_has_a_distance_of_its_own(tmp_path: Path) -> None:
+    near = [replace(each, distance=1e-11) for each in drawn() if each.outcome == "success"]
+    far = [
+        replace(each, distance=0.6 if (each.solver, each.problem) == ("nnls", 1) else 1e-9)
+        for each in near if each.family == "opposing-1e-6"
+    ]  # fmt: skip
+    measurements = [each for each in near if each.family != "opposing-1e-6"] + far
+    counted = sum(each.variant == "prepared" for each in far)
+    assert any(each.distance == 0.6 and each.variant == "prepared" for each in far)
+    pooled = written(tmp_path / "pooled", measurements, context())
+    apart = written(tmp_path / "apart", measurements, context(ill_posed=["opposing-1e-6", "infeasible"]))
+    row = next(line for line in apart[0].splitlines() if line.startswith("| `nnls` |"))
+    assert "| 1e-11 / 1e-11 | 6e-01 / " in row
+    row = next(line for line in pooled[0].splitlines() if line.startswith("| `nnls` |"))
+    assert "| 6e-01 / " in row
+    for page in apart:
+        assert f"1 of {counted} on opposing-1e-6 (up to 6e-01); none on infeasible." in page
+        assert "distance, ill-posed" in page
+    assert "Certified, yet far" not in pooled[0] + pooled[1]

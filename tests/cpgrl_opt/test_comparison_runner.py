@@ -123,6 +123,7 @@ def test_cells_that_are_not_asked_for_stay(tmp_path: Path, monkeypatch: pytest.M
     asked = [each for each in rows if (each.solver, each.family) == ("active-set", "duplicate")]
     assert run_comparison(part, checkpoint) == asked
     assert len(checkpoint.kept) == 5
+    assert checkpoint.wall_seconds == 0.0, "nothing was measured"
     assert read_measurements(checkpoint.path) == asked + [each for each in rows if each not in asked]
     assert run_comparison(whole, open_checkpoint(whole, tmp_path, others)) == rows
     assert read_measurements(checkpoint.path) == rows
