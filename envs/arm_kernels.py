@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from .interface import RESET_SIGNATURE, STEP_SIGNATURE
-from .random_stream import uniform
+from .interface.random_stream import uniform
 
 if TYPE_CHECKING:
     from .two_link_arm import TwoLinkArm

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numba
 
-import envs
-from envs.kernel_cache import forget_outdated_kernels
+from envs import interface
+from envs.interface.kernel_cache import forget_outdated_kernels
 
 # To be called with explicit signatures, so that a kernel loads from the disk cache in a new process.
 kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
@@ -16,7 +16,7 @@ _FOLDERS = [_HERE / "policies", _HERE / "estimators"]
 
 
 def _sources() -> list[Path]:
-    inlined = [*_FOLDERS, Path(envs.__file__).parent]
+    inlined = [*_FOLDERS, Path(interface.__file__).parent]
     return [Path(__file__), *(source for folder in inlined for source in folder.glob("*.py"))]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.interface import FiniteKernel, random_state
-from envs.random_stream import next_word
+from envs.interface.random_stream import next_word
 
 from ..kernels import kernel
 from ..policies import SoftmaxTable

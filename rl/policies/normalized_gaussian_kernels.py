@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from envs.random_stream import uniform
+from envs.interface.random_stream import uniform
 
 from ..kernels import kernel
 from .normalized_gaussian_network import NormalizedGaussianNetwork

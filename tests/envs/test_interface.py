@@ -22,12 +22,12 @@ from envs import (
     random_mdp,
     random_state,
 )
-from envs.random_stream import next_word, uniform
+from envs.interface.random_stream import next_word, uniform
 
 
 def test_importing_the_package_loads_nothing_heavy():
     heavy = ("numba", "scipy.optimize", "matplotlib", "cpgrl_opt", "rl")
-    program = f"import sys, envs; print([name for name in {heavy!r} if name in sys.modules])"
+    program = f"import sys, envs.interface; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-import envs
-from envs.kernel_cache import forget_outdated_kernels
+from envs.interface import random_stream
+from envs.interface.kernel_cache import forget_outdated_kernels
 
 
 @pytest.fixture
@@ -45,10 +45,21 @@ def test_a_cache_that_cannot_be_changed_is_used_as_it_is(folder, monkeypatch):
 
 def test_rl_watches_every_file_that_its_kernels_may_hold_code_of():
     import rl
+    from envs import interface
     from rl.kernels import _FOLDERS, _sources
 
     sources = {source.resolve() for source in _sources()}
-    for package, folder in ((envs, ""), (rl, "policies"), (rl, "estimators")):
+    for package, folder in ((interface, ""), (rl, "policies"), (rl, "estimators")):
         assert set((Path(package.__file__).parent / folder).resolve().glob("*.py")) <= sources
     with_kernels = {path.parent for path in Path(rl.__file__).parent.rglob("*.py") if "\n@kernel(" in path.read_text()}
     assert with_kernels == set(_FOLDERS)
+
+
+def test_envs_watches_every_file_that_its_kernels_may_hold_code_of():
+    import envs
+
+    files = list(Path(envs.__file__).parent.rglob("*.py"))
+    assert {path.parent for path in files if "\n@numba." in path.read_text(encoding="utf-8")} <= set(
+        random_stream._FOLDERS
+    )
+    assert set(files) <= set(random_stream._SOURCES)

@@ -15,7 +15,7 @@ import pytest
 
 from cpgrl_opt import ConstrainedStep
 from envs import RESET_SIGNATURE, STEP_SIGNATURE, ContinuousKernels, TwoLinkArm, random_state
-from envs.random_stream import uniform
+from envs.interface.random_stream import uniform
 from rl import CPGRL, GPOMDP, KondaActorCritic, NormalizedGaussianNetwork, map_runs, train
 from rl.estimators.gpomdp import RolloutGPOMDP
 from rl.estimators.konda_actor_critic import RolloutKonda

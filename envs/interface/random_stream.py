@@ -1,8 +1,8 @@
 """The random stream inside compiled kernels: xoshiro256++ on four words of state.
 
 Part of the interface: whoever draws within a kernel advances the same array, `interface.random_state`, by
-these. Unlike the rest of the package this module imports numba; only modules that hold kernels import it.
-numba's cache of a caller does not notice a change made here: this package's own is cleared below, rl's by rl.
+these. Unlike the rest of the interface this module imports numba; only modules that hold kernels import it.
+numba's cache of a caller does not notice a change made here: that of envs is cleared below, rl's by rl.
 Source: Blackman & Vigna (2021), Scrambled linear pseudorandom number generators, ACM TOMS 47(4).
 """
 
@@ -14,7 +14,9 @@ import numpy as np
 from .kernel_cache import forget_outdated_kernels
 
 _HERE = Path(__file__).parent
-forget_outdated_kernels([_HERE], list(_HERE.glob("*.py")))  # before any kernel is loaded: all import this module
+_FOLDERS = [_HERE, _HERE.parent]
+_SOURCES = [source for folder in _FOLDERS for source in folder.glob("*.py")]
+forget_outdated_kernels(_FOLDERS, _SOURCES)  # before any kernel is loaded: all import this module
 
 
 @numba.njit("uint64(uint64, int64)", cache=True)  # type: ignore[misc, unused-ignore]

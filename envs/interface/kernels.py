@@ -1,46 +1,20 @@
-"""What an environment offers: vector rewards, and kernels for compiled training.
+"""What an environment hands to compiled code: arrays or compiled functions, and the state of their random stream.
 
-Generic path: a Gymnasium environment whose `step` returns an ndarray of rewards (MO-Gymnasium's convention).
-Compiled path: arrays (`FiniteKernel`) for finite MDPs, compiled functions (`ContinuousKernels`) for the
-others. This module imports no numba: that happens when `function_type` is called or kernels are handed over.
-
-numba kernels of a continuous environment have exactly these signatures:
-
-    reset(constants, random_state, state)                          fills state
-    step(constants, state, action, random_state, reward) → event   moves state in place, fills reward
-
-`event` is 0 while the episode runs and k ≥ 1 when it ended with the k-th event. The policy observes the
-state. A rollout takes them as arguments of `function_type(...)` in an explicit signature of its own:
-
-    @numba.njit([types.float64(function_type(RESET_SIGNATURE), function_type(STEP_SIGNATURE), …)], cache=True)
-
-Then rollout and kernels all load from numba's disk cache in a new process; passed as plain dispatchers
-without a signature, or captured in a closure, they would compile anew in each. Such a call costs about 0.2 ms
-before the first step, so it should run whole episodes, better many.
+numba is imported when `function_type` is called or kernels are handed over, not before.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, UInt64
 from numpy.typing import ArrayLike
 
-from .validation import finite_array, index_below, positive_integer
+from ..validation import finite_array, index_below, positive_integer
 
 RESET_SIGNATURE = "void(float64[::1], uint64[::1], float64[::1])"
 STEP_SIGNATURE = "int64(float64[::1], float64[::1], float64[::1], uint64[::1], float64[::1])"
-
-
-@runtime_checkable
-class VectorReward(Protocol):
-    """Rewards are vectors: channel 0 intrinsic, channels 1 … m extrinsic."""
-
-    @property
-    def reward_channels(self) -> int:
-        """1 + m."""
-        ...
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -107,24 +81,6 @@ class ContinuousKernels:
         _require_compiled("step", self.step, STEP_SIGNATURE)
 
 
-@runtime_checkable
-class FiniteEnvironment(VectorReward, Protocol):
-    """An environment that hands a finite MDP to compiled code."""
-
-    def finite_kernel(self) -> FiniteKernel:
-        """Fresh arrays."""
-        ...
-
-
-@runtime_checkable
-class ContinuousEnvironment(VectorReward, Protocol):
-    """An environment that hands compiled reset and step functions over."""
-
-    def continuous_kernels(self) -> ContinuousKernels:
-        """Fresh constants, compiled functions."""
-        ...
-
-
 def function_type(signature: str) -> Any:
     """The numba type of a function compiled for `signature`, as an argument of another compiled function."""
     from numba import types
@@ -135,7 +91,7 @@ def function_type(signature: str) -> Any:
 
 
 def random_state(seed: np.random.SeedSequence) -> UInt64[np.ndarray, "4"]:
-    """State of the generator inside kernels, xoshiro256++ (`envs.random_stream`): four words of `seed`.
+    """State of the generator inside kernels, xoshiro256++ (`random_stream`): four words of `seed`.
 
     One per run, from `SeedSequence.spawn`; every kernel of a run advances it in place.
     """

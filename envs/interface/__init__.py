@@ -1,0 +1,42 @@
+"""What an environment offers: vector rewards, and kernels for compiled training.
+
+Generic path: a Gymnasium environment whose `step` returns an ndarray of rewards (MO-Gymnasium's convention).
+Compiled path: arrays (`FiniteKernel`) for finite MDPs, compiled functions (`ContinuousKernels`) for the
+others. Of the modules here only `random_stream`, for those that hold kernels, imports numba at once.
+
+numba kernels of a continuous environment have exactly these signatures:
+
+    reset(constants, random_state, state)                          fills state
+    step(constants, state, action, random_state, reward) → event   moves state in place, fills reward
+
+`event` is 0 while the episode runs and k ≥ 1 when it ended with the k-th event. The policy observes the
+state. A rollout takes them as arguments of `function_type(...)` in an explicit signature of its own:
+
+    @numba.njit([types.float64(function_type(RESET_SIGNATURE), function_type(STEP_SIGNATURE), …)], cache=True)
+
+Then rollout and kernels all load from numba's disk cache in a new process; passed as plain dispatchers
+without a signature, or captured in a closure, they would compile anew in each. Such a call costs about 0.2 ms
+before the first step, so it should run whole episodes, better many.
+"""
+
+from .environments import ContinuousEnvironment, FiniteEnvironment, VectorReward
+from .kernels import (
+    RESET_SIGNATURE,
+    STEP_SIGNATURE,
+    ContinuousKernels,
+    FiniteKernel,
+    function_type,
+    random_state,
+)
+
+__all__ = [
+    "RESET_SIGNATURE",
+    "STEP_SIGNATURE",
+    "ContinuousEnvironment",
+    "ContinuousKernels",
+    "FiniteEnvironment",
+    "FiniteKernel",
+    "VectorReward",
+    "function_type",
+    "random_state",
+]
