@@ -9,11 +9,15 @@ from hypothesis import strategies as st
 
 from cpgrl_opt import SOLVERS, DirectionProblem, ProblemBatch, Status, WithGeometry, farkas_residual, kkt_residuals
 from cpgrl_opt.solvers import is_installed, solve_batch, supports
+from cpgrl_opt.testing import Case, problems_out_of_reach
 
 SEEDS = st.integers(0, 2**32 - 1)
 ACTIVE_SET = SOLVERS["active-set"]
 INSTALLED = [name for name, solver in SOLVERS.items() if is_installed(solver)]
 FAST = settings(max_examples=6)
+# Solvers of each kind, and the constraints that they take.
+SHIFTED = (Case.BOUNDS, Case.AFFINE, Case.MIXED)
+OUT_OF_REACH = {"active-set": SHIFTED, "nnls": SHIFTED, "rosen": (Case.AFFINE,), "daqp": SHIFTED, "clarabel": SHIFTED}
 
 
 def random_metric(rng, n, kind):
@@ -176,25 +180,33 @@ def test_a_small_ball_is_told_from_a_large_one(seed):
 
 
 def violation(problem, d):
+    """‖r‖, r = b̂ − Ĵd (its positive part on I) on rows of length 1 in the metric, and M⁻¹Ĵᵀr, down which it falls."""
     inverse = np.linalg.inv(as_matrix(problem.metric, problem.n))
     sizes = np.sqrt(np.einsum("ij,jk,ik->i", problem.jacobian, inverse, problem.jacobian))
-    lack = (problem.bound - problem.jacobian @ d) / sizes
-    return np.linalg.norm(np.where(problem.equality, lack, np.maximum(lack, 0.0)))
+    assert (problem.bound[sizes == 0] <= 0).all()
+    lack = np.where(sizes > 0, problem.bound - problem.jacobian @ d, 0.0) / np.where(sizes > 0, sizes, 1.0)
+    lack = np.where(problem.equality, lack, np.maximum(lack, 0.0))
+    return np.linalg.norm(lack), inverse @ (lack / np.where(sizes > 0, sizes, 1.0) @ problem.jacobian)
 
 
-@given(seed=SEEDS)
-@FAST
-def test_where_the_ball_misses_no_point_of_it_violates_less(seed):
-    rng = np.random.default_rng(seed)
-    problem = random_problem(seed, bound=3.0, radius=0.3, equality=[True, False, False])
-    answer = ACTIVE_SET.solve(problem)
-    if answer.status != Status.INFEASIBLE:
-        return
-    least = violation(problem, answer.value)
-    for _ in range(30):
-        other = answer.value + rng.standard_normal(4) * 10.0 ** rng.uniform(-4, 0)
-        other *= min(1.0, problem.radius / length(problem, other))
-        assert violation(problem, other) >= least * (1 - 1e-9)
+@pytest.mark.parametrize("name", [name for name in OUT_OF_REACH if name in INSTALLED])
+@given(data=st.data(), seed=SEEDS)
+@settings(max_examples=20)
+def test_where_the_ball_misses_no_point_of_it_violates_less(name, data, seed):
+    """Neither down the slope of the violation nor around d, each point pulled back into the ball."""
+    solver, rng = SOLVERS[name], np.random.default_rng(seed)
+    problem = data.draw(problems_out_of_reach(OUT_OF_REACH[name]))
+    answer = solver.solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    assert length(problem, answer.value) <= problem.radius * (1 + 1e-8)
+    least, slope = violation(problem, answer.value)
+    assert least > 0
+    steps = [slope * size for size in (1e-3, 1e-1, 1.0)]
+    steps += [problem.radius * 10.0 ** rng.uniform(-4, 0) * rng.standard_normal(problem.n) for _ in range(20)]
+    for step in steps:
+        other = answer.value + step
+        other *= min(1.0, problem.radius / (length(problem, other) or 1.0))
+        assert violation(problem, other)[0] >= least * (1 - 1e-7)
 
 
 def test_contradictory_rows_in_a_ball_are_infeasible_and_the_best_climb_of_those_that_violate_least():
