@@ -1,6 +1,8 @@
 """The README tells the truth: its examples run, its table is that of SOLVERS, its commands are the ones CI runs."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,9 @@ from rl.experiments.solver_cases import cases
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+# Arguments of the `cpgrl` that is installed by the test command.
+CPGRL = [line.split() for line in re.findall(r"^\.venv-test/bin/cpgrl (.*)$", README, flags=re.MULTILINE)]
+CHECKS = [arguments for arguments in CPGRL if arguments[0] == "check"]
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)))
@@ -47,3 +52,56 @@ def test_each_command_makes_its_own_environment_with_pip_alone(marker, program):
 @pytest.mark.parametrize("name", re.findall(r"\]\(([^):]+)\)", README))
 def test_every_linked_file_exists(name):
     assert (ROOT / name.split("#")[0]).exists()
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A folder with the README's mine.py in it, which is where its commands are typed."""
+    (source,) = [example for example in EXAMPLES if "class Doubtful" in example]
+    assert "`mine.py`:\n\n```python\n" + source in README
+    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def typed(start_cpgrl, *arguments):
+    """(exit status, stdout) of `cpgrl`."""
+    command = start_cpgrl(*arguments)
+    out, _ = command.communicate()
+    return command.returncode, out
+
+
+def test_two_solvers_are_checked():
+    assert [arguments[1] for arguments in CHECKS] == ["mine:Doubtful", "mine:tangent"]
+
+
+@pytest.mark.slow
+def test_the_first_solver_of_mine_passes(mine, start_cpgrl):
+    status, out = typed(start_cpgrl, *CHECKS[0])
+    assert status == 0, out
+    assert "mine:Doubtful passes" in out
+
+
+@pytest.mark.slow
+def test_the_second_breaks_half_of_the_laws_with_a_counterexample_that_fails_when_pasted(mine, start_cpgrl):
+    status, out = typed(start_cpgrl, *CHECKS[1])
+    assert status == 1, out
+    failed, laws = out.count("  FAILED\n"), int(re.search(r"of (\d+) laws", out)[1])
+    assert 0.35 <= failed / laws <= 0.65
+    (code,) = re.findall(r"as a test:\n\n(.*?^    \)\n)", out, flags=re.DOTALL | re.MULTILINE)
+    (mine / "test_pasted.py").write_text(code, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_pasted.py"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == pytest.ExitCode.TESTS_FAILED, run.stdout
+    assert "LawBroken" in run.stdout
+    assert "1 failed" in run.stdout
+
+
+@pytest.mark.slow
+def test_the_comparison_writes_the_files_that_are_named(tmp_path, start_cpgrl):
+    (compare,) = [arguments for arguments in CPGRL if arguments[0] == "compare"]
+    named = re.findall(r"`([^`]+)`", re.search(r"It writes (.*?)\(", README, flags=re.DOTALL)[1])
+    assert len(named) == 3
+    status, out = typed(start_cpgrl, *compare, "--solvers", "active-set,nnls", "--out", tmp_path)
+    assert status == 0, out
+    assert all((tmp_path / name).stat().st_size > 0 for name in named)
