@@ -109,7 +109,7 @@ def test_summary_json_names_speed_settings_safeguards_and_what_acted(small):
         if condition.thresholds:
             assert part["counts"]["fallback"] == part["counts"]["skipped"] == 0
             assert part["counts"]["constrained"] > 0.9 * part["updates"]  # ρ² never exceeds 0
-    assert summary["conditions"]["c"]["counts"]["capped"] > 0.9 * summary["conditions"]["c"]["updates"]
+    assert summary["conditions"]["c"]["counts"]["capped"] > 0.6 * summary["conditions"]["c"]["updates"]  # G³ is far off
     assert summary["conditions"]["a"]["counts"] == {"constrained": 0}
 
 
