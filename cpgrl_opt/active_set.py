@@ -29,7 +29,8 @@ def violated(
     margin: float = 0.0,
 ) -> Bool[np.ndarray, "*runs m"]:
     """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3)."""
-    require_nonnegative("margin", margin)
+    if margin != 0.0:
+        require_nonnegative("margin", margin)
     return np.asarray(slack) <= margin
 
 

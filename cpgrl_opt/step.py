@@ -6,6 +6,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -153,13 +154,20 @@ class ConstrainedStep:
         if len(runs) == 1:
             run = _Run(self, observe, runs[0])
             change, stationary = run.step(run.admitted(gradients, slack, active))
-            return StepResult(change, active, stationary, run.counts)
+            return StepResult(change, active, stationary, run.counted())
         count = math.prod(runs)
         run = _Run(self, observe, count)
         stacked = gradients.reshape(count, channels, n), slack.reshape(count, -1), active.reshape(count, -1)
         change, stationary = run.step(run.admitted(*stacked))
-        counts = {name: counted.reshape(runs) for name, counted in run.counts.items()}
+        counts = {name: counted.reshape(runs) for name, counted in run.counted().items()}
         return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), counts)
+
+
+@cache
+def _nothing(runs: int) -> Int[np.ndarray, "B"]:
+    zeros = np.zeros(runs, np.int64)
+    zeros.flags.writeable = False
+    return zeros
 
 
 class _Run:
@@ -168,9 +176,21 @@ class _Run:
     def __init__(self, settings: ConstrainedStep, observe: Observer | None, runs: int) -> None:
         self.settings = settings
         self.observe = observe
-        self.counts = dict(zip(_COUNTS, np.zeros((len(_COUNTS), runs), np.int64), strict=True))
+        self.runs = runs
         self.any_skipped = False
+        self._counts: dict[str, np.ndarray] | None = None
         self.geometry: StepGeometry | None = settings._geometry  # type: ignore[attr-defined]
+
+    @property
+    def counts(self) -> dict[str, Int[np.ndarray, "B"]]:
+        """To be added to. Made when something happens: in most updates nothing does."""
+        if self._counts is None:
+            self._counts = dict(zip(_COUNTS, np.zeros((len(_COUNTS), self.runs), np.int64), strict=True))
+        return self._counts
+
+    def counted(self) -> Mapping[str, Int[np.ndarray, "B"]]:
+        """The counts, read only where all are 0."""
+        return dict.fromkeys(_COUNTS, _nothing(self.runs)) if self._counts is None else self._counts
 
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
         """The change of θ (B, n) and whether a run is stationary (B,)."""
@@ -201,8 +221,10 @@ class _Run:
         self, gradients: Float[np.ndarray, "B channels n"], slack: np.ndarray, active: np.ndarray
     ) -> ActiveConstraints:
         """𝒜 without the constraints whose gradient is 0, and t = −min(slack, 0)."""
-        target, kept = np.empty(slack.shape), np.empty(slack.shape, np.bool_)
-        extreme = step_kernels().admit(gradients, slack, active, target, kept, self.counts["flat"])
+        target, kept, flat = np.empty(slack.shape), np.empty(slack.shape, np.bool_), np.empty(self.runs, np.int64)
+        any_flat, extreme = step_kernels().admit(gradients, slack, active, target, kept, flat)
+        if any_flat:
+            self.counts["flat"][:] = flat
         constraints = ActiveConstraints(gradients, target, kept)
         return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 

@@ -17,14 +17,14 @@ def _kernel(*signature: str, returns: str = "void") -> Any:
     return njit(f"{returns}({', '.join(signature)})", cache=True, error_model="numpy")
 
 
-@_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="boolean")
+@_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="UniTuple(boolean, 2)")
 def admit(gradients: Any, slack: Any, active: Any, target: Any, kept: Any, flat: Any) -> Any:
     """Target ← −min(slack, 0); kept ← active without constraints whose gradient is 0; flat ← their number, by run.
 
-    Returns whether a row that is kept is beyond 2^±400.
+    Returns whether there is any of these, and whether a row that is kept is beyond 2^±400.
     """
     runs, m = active.shape
-    extreme = False
+    any_flat = extreme = False
     for b in range(runs):
         flat[b] = 0
         for i in range(m):
@@ -37,7 +37,8 @@ def admit(gradients: Any, slack: Any, active: Any, target: Any, kept: Any, flat:
                 kept[b, i] = largest > 0.0
                 extreme = extreme or (largest > 0.0 and not 1.0 / _LARGE < largest < _LARGE)
                 flat[b] += not kept[b, i]
-    return extreme
+        any_flat = any_flat or flat[b] > 0
+    return any_flat, extreme
 
 
 @_kernel(_CUBE, _MATRIX, _MASK, "boolean", "float64", _MATRIX, _CUBE, _MATRIX, _MASK)
