@@ -152,7 +152,7 @@ def page(rows: list[Row], max_examples: int) -> str:
                 f"`python benchmarks/nightly_laws.py --max-examples {max_examples}`: {len(rows)} laws under solvers, "
                 f"{sum(row.run for row in rows)} problems run, {len(broken)} broken; "
                 f"{sum(row.cpu_seconds for row in rows) / 3600:.1f} hours of one core. "
-                f"Sources: {', '.join(versions)}.",
+                f"Sources: {', '.join(versions)}; when this page was written: {sources()}.",
                 "A cell is how many problems the solver declined (it claimed nothing), of those that the law is about; "
                 "– where the solver does not take the law's cases, or has not what the law is about; ✗ where the law "
                 "broke; empty where it was not run. Laws with a * include problems that no solver need answer.",
