@@ -5,7 +5,8 @@ Hypothesis profile `nightly` asks for, the same that `pytest tests/cpgrl_opt/tes
 one seed for each law, so all solvers that take the same cases are given the same problems.
 `rosen-drop` is left out: it is not the cone projection, and says so.
 
-    python benchmarks/nightly_laws.py [--max-examples 10000] [--solvers active-set,daqp] [--processes 2] [--out FOLDER]
+    python benchmarks/nightly_laws.py [--max-examples 10000] [--solvers active-set,daqp] [--laws …]
+        [--processes 2] [--out FOLDER]
 
 A law and solver whose row is in FOLDER/nightly_laws.csv is not run again: a run that was cut off is taken up where it
 was. Rows name the sources they were measured on, by a digest of the solvers, the referee and the laws, and the page
@@ -55,19 +56,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--max-examples", type=int, default=10_000)
     parser.add_argument("--solvers", default=",".join(correct_solvers()), help="names, separated by commas")
+    parser.add_argument("--laws", default=",".join(LAWS), help="names, separated by commas")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     arguments = parser.parse_args()
-    names = arguments.solvers.split(",")
+    names, laws = arguments.solvers.split(","), arguments.laws.split(",")
     if unknown := set(names) - set(correct_solvers()):
         parser.error(f"--solvers should be of {', '.join(correct_solvers())}; found {', '.join(sorted(unknown))}")
+    if unknown := set(laws) - set(LAWS):
+        parser.error(f"--laws should be of {', '.join(LAWS)}; found {', '.join(sorted(unknown))}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     record = arguments.out / "nightly_laws.csv"
     if not record.exists():
         record.write_text(",".join(each.name for each in fields(Row)) + "\n", encoding="utf-8")
     known = rows_in(record)
     done = {(row.law, row.solver) for row in known if row.max_examples >= arguments.max_examples and not row.problem}
-    missing = {law: [name for name in names if (law, name) not in done] for law in LAWS}
+    missing = {law: [name for name in names if (law, name) not in done] for law in laws}
     with ProcessPoolExecutor(arguments.processes) as pool:
         tasks = [pool.submit(examined, law, which, arguments.max_examples, record) for law, which in missing.items()]
         for task in as_completed(tasks):
