@@ -22,11 +22,11 @@ from typing import Any, BinaryIO
 
 from ..direction import Direction
 from ..problem import DirectionProblem
-from ..solvers import SOLVERS, MissingPackageError
+from ..solvers import SOLVERS, MissingPackageError, compile_kernels
 from ..solvers.packages import require_import
 from .contestants import DEFAULT_SOLVER, contestant
 from .exact import ExactAnswer, exact_answer, is_small_enough
-from .families import FAMILIES, ProblemFamily
+from .families import ProblemFamily
 from .judgement import CRASHED, HUNG, UNSUPPORTED, Judgement, as_direction, judge
 from .measurement import Measurement
 from .named_families import family_named
@@ -113,9 +113,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.default: Solve = SOLVERS[DEFAULT_SOLVER].solve
-        for name in ("rosen", DEFAULT_SOLVER):  # loads what is compiled, so that no measurement does
-            for family in ("well-conditioned-equality", "opposing-1e-8", "infeasible", "infeasible-equality"):
-                SOLVERS[name].solve(FAMILIES[family].problem(0, 0))
+        compile_kernels()  # so that no measurement does
         self.key: tuple[str, int] = ("", 0)
         self.drawn: dict[int, Drawn] = {}
 

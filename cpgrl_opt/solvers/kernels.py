@@ -1,4 +1,4 @@
-"""The compiled kernels, loaded with the first solve, and how problems are handed to them."""
+"""The compiled kernels, and how problems are handed to them."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -14,15 +14,18 @@ _STATUSES = tuple(Status)
 
 @cache
 def compiled_kernels() -> Any:
-    """The package `compiled`; imports numba, and compiles or loads from the disk cache what it needs."""
+    """The package `compiled`, imported when first needed."""
     from . import compiled
 
     return compiled
 
 
-def compile_kernels() -> None:
-    """Compiles every kernel, or loads it from the disk cache, now rather than with the first problem that needs it."""
-    compiled_kernels().load()
+def compile_kernels(*, thorough: bool = True) -> None:
+    """Compiles the kernels, or loads them from the disk cache, now rather than when there is work enough for it.
+
+    thorough: also the one for hard and infeasible problems, which takes 10 s to compile.
+    """
+    compiled_kernels().load(thorough=thorough)
 
 
 def solve_single(

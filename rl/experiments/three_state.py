@@ -175,8 +175,8 @@ def train_method(item: tuple[ThreeStateSettings, str], report: Listener) -> Meth
     started = perf_counter()
     for _ in _records(replace(settings, episodes=1, runs=1), method, []):
         pass  # kernels are compiled, or loaded from the cache, so that the clock below sees training alone
-    if method == "cpgrl":  # the others solve no direction problems
-        compile_kernels()
+    if method == "cpgrl":  # the others solve no direction problems, and it only a few that are hard
+        compile_kernels(thorough=False)
     begun = ticked = perf_counter()
     first: list[Vector] = []
     watcher = _watcher(settings, method)

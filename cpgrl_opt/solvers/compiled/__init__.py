@@ -11,9 +11,10 @@ overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them):
         multipliers_out (B, m), status_out (B,) int64, iterations_out (B,) int64)
     solve_tangent, solve_tangent_batch: the same arguments; UNSUPPORTED if an inequality is on (bound > −inf)
 
-Statuses are the integers of `cpgrl_opt.Status`. Importing this package imports numba and compiles the direct pass,
-the first hard problem compiles the thorough kernel (once: both are cached on disk). How a problem is solved, by file:
+Statuses are the integers of `cpgrl_opt.Status`. A process's first few hundred problems are interpreted, batches and
+all later ones compiled, to the same bits; compiled kernels are cached on disk. How a problem is solved, by file:
 
+    _entry_point        one source in two forms, interpreted and compiled
     _direct             rows well apart: one short pass by the Gram matrix; what it does not finish goes on to
     _projection         the thorough kernel: scales, solves, judges as the referee does, or proves infeasibility
     _scaling            rows of length ½ to 1 and numbers near 1, by powers of two: nothing is rounded
@@ -32,7 +33,7 @@ from ._cache import forget_outdated_kernels
 
 forget_outdated_kernels(Path(__file__).parent)
 
-from ._direct import OPEN, project_directly  # noqa: E402 - loads the cache
+from ._direct import OPEN, project_directly  # noqa: E402 - after the clearing of the cache
 
 
 def solve_cone(
@@ -105,7 +106,7 @@ def _solve_batch(
 ) -> None:
     count, m, n = jacobian.shape
     report = np.empty((3, count))
-    project_directly(
+    project_directly.machine_code(
         tangent,
         gradient.reshape(-1),
         jacobian.reshape(count * m, n),
@@ -124,14 +125,18 @@ def _solve_batch(
             status_out[k], value_out[k], multipliers_out[k], iterations_out[k] = answer
 
 
-def load() -> None:
-    """The thorough kernel too, now rather than with the first hard problem."""
-    _thorough()
+def load(*, thorough: bool) -> None:
+    """Machine code now, rather than when the work so far asks for it."""
+    from ._projection import project_stacked
+
+    _ = project_directly.machine_code
+    if thorough:
+        _ = project_stacked.machine_code
 
 
 @cache
 def _thorough() -> Any:
-    """For what the direct pass leaves open; loaded, or compiled, when first needed."""
+    """For what the direct pass leaves open. Imported late, for it imports the referee."""
     from ._second_thoughts import solved_thoroughly
 
     return solved_thoroughly

@@ -1,6 +1,7 @@
 """Sums of products over rows of a matrix: in four lanes for speed, in twice the precision for refinement."""
 
-from ._workspace import Floats, kernel
+from ._entry_point import kernel
+from ._workspace import Floats
 
 _SPLIT = 2.0**27 + 1.0
 

@@ -3,6 +3,7 @@
 from math import sqrt
 
 from ._arithmetic import add, add_product, dot
+from ._entry_point import kernel
 from ._workspace import (
     ACTIVE,
     BOUND,
@@ -19,7 +20,6 @@ from ._workspace import (
     USED,
     Floats,
     Integers,
-    kernel,
 )
 
 NEARLY_DEPENDENT = 1e-2  # with a diagonal element of R below this, projections are refined

@@ -11,10 +11,10 @@ Source: the projection's dual as a linear complementarity problem (Cottle, Pang 
 from math import inf, sqrt
 
 import numpy as np
-from numba import njit
 
 from ._arithmetic import add, dot
-from ._workspace import EPS, Booleans, Floats, Integers, kernel, numbers
+from ._entry_point import entry_point, kernel
+from ._workspace import EPS, Booleans, Floats, Integers, numbers
 
 OPTIMAL, OPEN = 0, -1
 SHARP = 1e-14  # the worst residual, relative as the referee's, that an answer may have
@@ -169,12 +169,10 @@ def worst_residual(rows: Floats, small: Floats, state: Integers, equality: Boole
     return 0.0 if sigma == worst == 0.0 else inf
 
 
-@njit(
+@entry_point(
     "void(b1, Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 1, 'C', readonly=True),"
     "Array(b1, 1, 'C', readonly=True), f8, f8[::1], f8[::1], f8[::1])",
-    cache=True,
-    error_model="numpy",
-    no_cfunc_wrapper=True,
+    interpreted_calls=16,
 )
 def project_directly(
     tangent: bool,

@@ -10,6 +10,7 @@ from math import inf, sqrt
 
 from ._arithmetic import add, dot
 from ._basis import append, equality_basis, project, remove
+from ._entry_point import kernel
 from ._workspace import (
     ACTIVE,
     BOUND,
@@ -29,7 +30,6 @@ from ._workspace import (
     VALUE,
     Floats,
     Integers,
-    kernel,
     numbers,
 )
 

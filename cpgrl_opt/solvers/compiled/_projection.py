@@ -1,11 +1,12 @@
 """The exact projection onto {d : Jᵢd ≥ bᵢ on I, Jᵢd = bᵢ on E} for B problems of one shape: the entry point."""
 
-from math import inf, ldexp, sqrt
+from math import inf, sqrt
 
-from numba import njit
+import numpy as np
 
 from ._arithmetic import add, dot
 from ._dual_active_set import CONFLICT, LIMIT, dual_active_set
+from ._entry_point import entry_point, kernel
 from ._scaling import UNUSABLE, scale_problem
 from ._workspace import (
     ACTIVE,
@@ -27,7 +28,6 @@ from ._workspace import (
     Floats,
     Integers,
     allocate,
-    kernel,
 )
 
 OPTIMAL, INFEASIBLE, UNCERTIFIED, ITERATION_LIMIT, NUMERICAL_ERROR, UNSUPPORTED = range(6)
@@ -41,7 +41,7 @@ def worst_residual(space: Floats, small: Floats, index: Integers, size: int, sca
 
     Dual and primal residual on I are no more than |min(μ̂, slack)|. "not ≤" lets NaN through, ">" would lose it.
     """
-    factor = ldexp(1.0, scale)
+    factor = np.ldexp(1.0, scale)
     for j in range(space.shape[1]):
         space[VALUE, j] = space[VALUE, j] * factor / factor
         space[REST, j] = space[VALUE, j] - space[TARGET, j]
@@ -50,8 +50,8 @@ def worst_residual(space: Floats, small: Floats, index: Integers, size: int, sca
         small[SPARE, i] = 0.0
     for k in range(size):
         i = index[ACTIVE, k]
-        small[SPARE, i] = ldexp(small[MULTIPLIER, k], scale - index[EXPONENT, i])
-        small[THRESHOLD, i] = ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
+        small[SPARE, i] = np.ldexp(small[MULTIPLIER, k], scale - index[EXPONENT, i])
+        small[THRESHOLD, i] = np.ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
     worst, total = 0.0, 0.0
     for i in range(small.shape[1]):
         if small[BOUND, i] > -inf:
@@ -69,12 +69,10 @@ def worst_residual(space: Floats, small: Floats, index: Integers, size: int, sca
     return worst / sigma if sigma != 0.0 else worst
 
 
-@njit(
+@entry_point(
     "void(b1, i8, Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
     "Array(f8, 1, 'C', readonly=True), Array(b1, 1, 'C', readonly=True), f8, f8[::1], f8[::1], f8[::1])",
-    cache=True,
-    error_model="numpy",
-    no_cfunc_wrapper=True,
+    interpreted_calls=64,
 )
 def project_stacked(
     tangent: bool,
@@ -112,7 +110,7 @@ def project_stacked(
         for i in range(m):
             if end == CONFLICT:
                 status = INFEASIBLE
-                small[SPARE, i] = ldexp(small[THRESHOLD, i], -index[EXPONENT, i])
+                small[SPARE, i] = np.ldexp(small[THRESHOLD, i], -index[EXPONENT, i])
         for i in range(m):
             if scale < UNUSABLE and index[KIND, i] == IMPOSSIBLE:
                 status = INFEASIBLE
@@ -121,7 +119,7 @@ def project_stacked(
                 small[SPARE, i] = 1.0 if bound[b * m + i] > 0.0 else -1.0
         given = status < NUMERICAL_ERROR
         for j in range(n):
-            value_out[b * n + j] = space[VALUE, j] * ldexp(1.0, scale) if given else 0.0
+            value_out[b * n + j] = space[VALUE, j] * np.ldexp(1.0, scale) if given else 0.0
         for i in range(m):
             multipliers_out[b * m + i] = small[SPARE, i] if given else 0.0
         report_out[b] = status

@@ -4,9 +4,12 @@ Nothing is rounded on the way, so rows 1e-9 rad from opposing, whose optimum mov
 are still solved as given; and anything from 1e-300 to 1e300 fits.
 """
 
-from math import frexp, inf, ldexp, sqrt
+from math import frexp, inf, sqrt
+
+import numpy as np
 
 from ._arithmetic import dot
+from ._entry_point import kernel
 from ._workspace import (
     BOUND,
     EQUALITY,
@@ -21,7 +24,6 @@ from ._workspace import (
     Booleans,
     Floats,
     Integers,
-    kernel,
 )
 
 UNUSABLE = 1 << 20  # in place of an exponent: NaN or infinity
@@ -45,10 +47,10 @@ def halve(space: Floats, row: int) -> tuple[int, float]:
             return exponent, largest
         exponent = frexp(largest)[1]
         for j in range(space.shape[1]):
-            space[row, j] = ldexp(space[row, j], -exponent)
+            space[row, j] = np.ldexp(space[row, j], -exponent)
         squared = dot(space, row, row)
     more = frexp(sqrt(squared))[1]
-    factor = ldexp(1.0, -more)
+    factor = np.ldexp(1.0, -more)
     for j in range(space.shape[1]):
         space[row, j] *= factor
     return exponent + more, sqrt(squared) * factor
@@ -93,10 +95,10 @@ def scale_problem(
     if not usable:
         return UNUSABLE
     scale = 1023 if scale > 1023 else (-1021 if scale < -1021 else scale)
-    factor = ldexp(1.0, -scale)
+    factor = np.ldexp(1.0, -scale)
     for j in range(n):
         space[TARGET, j] = gradient[problem * n + j] * factor
     for i in range(m):
         dead = index[KIND, i] == OFF or index[KIND, i] == IMPOSSIBLE
-        small[BOUND, i] = -inf if dead else ldexp(bound[problem * m + i], -scale - index[EXPONENT, i])
+        small[BOUND, i] = -inf if dead else np.ldexp(bound[problem * m + i], -scale - index[EXPONENT, i])
     return scale

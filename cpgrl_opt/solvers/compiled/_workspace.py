@@ -13,8 +13,9 @@ references of arrays and views rather than into sums, and compilation into argum
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ._entry_point import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -33,11 +34,6 @@ KIND, ACTIVE, USED, EXPONENT = numbers(4)
 OFF, INEQUALITY, EQUALITY, IMPOSSIBLE = numbers(4)  # IMPOSSIBLE: a zero row that no d satisfies
 
 EPS = 2.0**-52
-
-
-def kernel(function: Any) -> Any:
-    """Compiles a helper when an entry point first needs it; entry points have signatures and a cache of their own."""
-    return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
 @kernel
