@@ -1,13 +1,15 @@
 """One law put to one solver: many generated problems, counted, and the smallest counterexample."""
 
+import random
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
+import numpy as np
 from hypothesis import HealthCheck, Phase, Verbosity, configuration, given, seed, settings
 
 from ..solvers.interface import DirectionSolver
@@ -19,6 +21,7 @@ from .strategies import Case
 _SHRINKING_CALLS = 400
 # Problems kept for the next solver, a few kilobytes each.
 _MOST_KEPT = 20_000
+_Judge = Callable[[dict[str, Any]], object]
 
 
 @dataclass
@@ -37,6 +40,18 @@ class Examination:
         """Problems on which the solver was asked about the law."""
         return self.held + self.declined + self.broken
 
+    def count(self, law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> LawBroken | None:
+        """Puts the law to the solver once and counts the outcome; what broke it, if anything did."""
+        try:
+            outcome = _outcome(law, solver, arguments)
+        except LawBroken as broken:
+            self.broken += 1
+            return broken
+        self.held += outcome == Outcome.HELD
+        self.declined += outcome == Outcome.DECLINED
+        self.skipped += outcome == Outcome.SKIPPED
+        return None
+
 
 def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int) -> Examination:
     """Counts over `max_examples` problems drawn by the seed `number`, which is mixed with the law's name.
@@ -44,23 +59,9 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
     Then, where the law broke, the same draws again up to the first failure, and from there to the smallest.
     """
     found = Examination()
-
-    def count(arguments: dict[str, Any]) -> None:
-        try:
-            outcome = law.check(solver, **arguments)
-        except LawBroken:
-            found.broken += 1
-            return
-        found.held += outcome == Outcome.HELD
-        found.declined += outcome == Outcome.DECLINED
-        found.skipped += outcome == Outcome.SKIPPED
-
     draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
-    for arguments in draws.kept() if max_examples <= _MOST_KEPT else ():
-        count(arguments)
-    with _storage_elsewhere():
-        if max_examples > _MOST_KEPT:
-            draws.each(count, (Phase.generate,))
+    with _traceless():
+        draws.each(partial(found.count, law, solver))
         if found.broken:
             found.arguments, found.message = _smallest(law, solver, draws)
     return found
@@ -71,18 +72,13 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
     found = Examination()
 
     def judge(arguments: dict[str, Any]) -> None:
-        try:
-            outcome = law.check(solver, **arguments)
-        except LawBroken as broken:
-            found.broken, found.arguments, found.message = 1, arguments, str(broken)
-            raise _Enough from None
-        found.held += outcome == Outcome.HELD
-        found.declined += outcome == Outcome.DECLINED
-        found.skipped += outcome == Outcome.SKIPPED
+        if broken := found.count(law, solver, arguments):
+            found.arguments, found.message = arguments, str(broken)
+            raise _Enough
 
     draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
-    with _storage_elsewhere(), suppress(_Enough):
-        draws.each(judge, (Phase.generate,))
+    with _traceless(), suppress(_Enough):
+        draws.searched(judge, Phase.generate)
     return found
 
 
@@ -95,15 +91,22 @@ class _Draws:
     max_examples: int
     number: int
 
+    def each(self, judge: _Judge) -> None:
+        """All of them, kept for the next solver unless they are too many: drawing takes longer than solving."""
+        if self.max_examples > _MOST_KEPT:
+            self.searched(judge, Phase.generate)
+            return
+        for arguments in self._kept():
+            judge(arguments)
+
     @lru_cache(maxsize=4)  # noqa: B019 - a few, by value
-    def kept(self) -> tuple[dict[str, Any], ...]:
-        """All of them: drawing takes longer than solving, and the next solver is given the same."""
+    def _kept(self) -> tuple[dict[str, Any], ...]:
         drawn: list[dict[str, Any]] = []
-        with _storage_elsewhere():
-            self.each(drawn.append, (Phase.generate,))
+        self.searched(drawn.append, Phase.generate)
         return tuple(drawn)
 
-    def each(self, judge: Callable[[dict[str, Any]], None], phases: tuple[Phase, ...]) -> None:
+    def searched(self, judge: _Judge, *phases: Phase) -> None:
+        """As Hypothesis draws them, which ends, or shrinks, where the judge raises."""
         chosen = settings(
             max_examples=self.max_examples,
             phases=phases,
@@ -138,13 +141,13 @@ def _smallest(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[st
         if calls > _SHRINKING_CALLS:
             raise _Enough
         try:
-            law.check(solver, **arguments)
+            _outcome(law, solver, arguments)
         except LawBroken as broken:
             smallest[:] = [(arguments, str(broken))]
             raise
 
     try:
-        draws.each(judge, (Phase.generate, Phase.shrink))
+        draws.searched(judge, Phase.generate, Phase.shrink)
     except (LawBroken, _Enough):
         return smallest[0]
     except Exception as flaky:  # Hypothesis' own: a solver that answers the same problem now so, now otherwise
@@ -154,13 +157,29 @@ def _smallest(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[st
     return {}, "the law broke in the first pass and held in the second: the solver does not repeat its answers"
 
 
+def _outcome(law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> Outcome:
+    """The law put to the solver, which finds the global generators in one state before each problem.
+
+    So do tests that Hypothesis runs; but problems that were kept are put to a solver outside of it.
+    """
+    random.seed(0)
+    np.random.seed(0)  # noqa: NPY002 - `_traceless` gives the caller's state back
+    return law.check(solver, **arguments)
+
+
 @contextmanager
-def _storage_elsewhere() -> Iterator[None]:
-    """Hypothesis keeps notes in ./.hypothesis even without a database; here they go to a folder that vanishes."""
-    before = getattr(configuration, "__hypothesis_home_directory", None)
+def _traceless() -> Iterator[None]:
+    """Global generators are as before afterwards; what Hypothesis notes goes to a folder that vanishes.
+
+    It keeps notes in ./.hypothesis even without a database.
+    """
+    folder_before = getattr(configuration, "__hypothesis_home_directory", None)
+    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the caller's
     with tempfile.TemporaryDirectory() as folder:
         configuration.set_hypothesis_home_dir(folder)
         try:
             yield
         finally:
-            configuration.set_hypothesis_home_dir(before)
+            configuration.set_hypothesis_home_dir(folder_before)
+            random.setstate(python)
+            np.random.set_state(numpy)  # noqa: NPY002

@@ -1,5 +1,6 @@
 """The verdict counts honestly, repeats itself, writes nothing into the user's folder, and can be read."""
 
+import random
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -119,6 +120,30 @@ def test_the_same_seed_gives_the_same_verdict_and_another_seed_other_problems():
 def test_a_failure_repeats_itself_to_the_counterexample(verdict):
     again = check_direction_solver(UnitLength(), checks=["check_stationarity"], max_examples=20)
     assert again["check_stationarity"] == verdict["check_stationarity"]
+
+
+def test_a_solver_that_draws_from_the_global_generators_gets_the_same_verdict_each_time(monkeypatch):
+    """Kept problems and streamed ones, after other draws of the caller's; whose generators stay as they are."""
+
+    def solve(problem):
+        answer = SOLVERS["active-set"].solve(problem)
+        gives_up = max(np.random.random(), random.random()) < 0.8  # noqa: NPY002 - what is tested
+        return Direction(answer.value, answer.multipliers, Status.ITERATION_LIMIT if gives_up else answer.status)
+
+    def declined():
+        checks = ["check_stationarity", "check_answers_repeat", "check_permutation"]
+        verdict = check_direction_solver(SimpleNamespace(solve=solve), checks=checks, max_examples=40)
+        return [(result.run, result.declined, result.failed) for result in verdict.results]
+
+    seen = set()
+    for number, kept in ((1, 20_000), (2, 20_000), (3, 0)):
+        np.random.seed(number)  # noqa: NPY002
+        random.seed(number)
+        monkeypatch.setattr("cpgrl_opt.testing.examination._MOST_KEPT", kept)
+        seen.add((*declined(), np.random.random() == np.random.RandomState(number).random()))  # noqa: NPY002
+        assert random.random() == random.Random(number).random()
+    assert len(seen) == 1
+    assert seen.pop()[-1], "NumPy's global generator is the caller's"
 
 
 def test_a_check_that_ran_on_nothing_is_not_passed():
