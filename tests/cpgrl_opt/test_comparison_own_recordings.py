@@ -1,8 +1,8 @@
 """A user's own recording is a family of the comparison, and a sequence for the benchmark of warm starts."""
 
 import csv
-import importlib.util
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -76,15 +76,8 @@ def test_a_bad_file_is_refused_in_words() -> None:
 
 
 @pytest.fixture(scope="module")
-def benchmark() -> ModuleType:
-    path = Path(__file__).parents[2] / "benchmarks" / "recorded_sequences.py"
-    spec = importlib.util.spec_from_file_location("recorded_sequences", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["recorded_sequences"] = module  # where dataclasses look for their annotations
-    spec.loader.exec_module(module)
-    return module
+def benchmark(load_benchmark: Callable[[str], ModuleType]) -> ModuleType:
+    return load_benchmark("recorded_sequences")
 
 
 @pytest.mark.usefixtures("own")

@@ -1,23 +1,21 @@
 """The benchmark of the arm's speed runs tiny."""
 
 import csv
-import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 
 def test_it_runs_tiny_and_writes_both_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    load_benchmark: Callable[[str], ModuleType],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    path = Path(__file__).parents[2] / "benchmarks" / "arm_speed.py"
-    spec = importlib.util.spec_from_file_location("arm_speed", path)
-    assert spec is not None
-    assert spec.loader is not None
-    benchmark = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "arm_speed", benchmark)  # where dataclasses look for their annotations
-    spec.loader.exec_module(benchmark)
+    benchmark = load_benchmark("arm_speed")
     monkeypatch.setattr(sys, "argv", ["arm_speed.py", "--scale", "0.001", "--out", str(tmp_path)])
     benchmark.main()
     markdown = (tmp_path / "arm_speed.md").read_text(encoding="utf-8")

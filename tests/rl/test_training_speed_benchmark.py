@@ -1,8 +1,8 @@
 """The benchmark's contenders compute the same thing, and it runs tiny."""
 
 import csv
-import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -14,15 +14,8 @@ from rl import SoftmaxTable
 
 
 @pytest.fixture(scope="module")
-def benchmark() -> ModuleType:
-    path = Path(__file__).parents[2] / "benchmarks" / "training_speed.py"
-    spec = importlib.util.spec_from_file_location("training_speed", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["training_speed"] = module  # where dataclasses look for their annotations
-    spec.loader.exec_module(module)
-    return module
+def benchmark(load_benchmark: Callable[[str], ModuleType]) -> ModuleType:
+    return load_benchmark("training_speed")
 
 
 def test_after_equally_many_episodes_the_contenders_agree_within_six_standard_errors(benchmark: ModuleType) -> None:
