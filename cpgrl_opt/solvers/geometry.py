@@ -34,6 +34,7 @@ def takes_geometry(solver_class: SolverClass) -> SolverClass:
     """The class with `solve` and `solve_batch` that take metrics and radii; problems without go straight through.
 
     `takes_geometry` says so. Its `supports` stays: which constraints a method takes does not depend on geometry.
+    Its own `solve_batch`, if it has one, should call UNSUPPORTED what `supports` does not take.
     """
     kind: Any = solver_class
     solve, batch = kind.solve, getattr(kind, "solve_batch", None)
@@ -49,6 +50,7 @@ def takes_geometry(solver_class: SolverClass) -> SolverClass:
     kind.takes_geometry = True
     if batch is not None:
         kind.solve_batch = _batch_in_geometry(solve, batch)
+        kind.declines_by_itself = True
     return solver_class
 
 
@@ -73,6 +75,7 @@ class WithGeometry:
     solver: DirectionSolver
 
     takes_geometry: ClassVar[bool] = True
+    declines_by_itself: ClassVar[bool] = True
 
     @property
     def tolerance(self) -> float:

@@ -1,6 +1,6 @@
 """What a direction solver is, and how to ask one that declares little."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -20,7 +20,8 @@ class DirectionSolver(Protocol):
     Optional attributes: `tolerance` (the worst KKT residual of an OPTIMAL answer; 1e-6 is assumed),
     `supports(problem) -> bool` (undeclared: equalities, cone and bounds), `solve_batch(problems)`,
     `guarantee` and `source` (one line each, for the table of solvers), `takes_geometry` (True: problems with a metric
-    or a radius too; `WithGeometry(solver)` makes any solver take them).
+    or a radius too; `WithGeometry(solver)` makes any solver take them), `declines_by_itself` (True: its `solve_batch`
+    calls UNSUPPORTED what `supports` does not take, so that no loop over the problems need ask before).
     """
 
     def solve(self, problem: DirectionProblem) -> Direction:
@@ -111,15 +112,21 @@ def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
     """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop.
 
-    In the loop a problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises.
+    A problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises.
     """
-    compiled: Any = getattr(solver, "solve_batch", None)
-    if compiled is not None:
-        answer: DirectionBatch = compiled(problems)
-        return answer
-    return DirectionBatch.stack(
-        [solver.solve(problem) if supports(solver, problem) else unsupported(problem) for problem in problems]
-    )
+    batch: Callable[[Any], DirectionBatch] | None = getattr(solver, "solve_batch", None)
+    if batch is not None and getattr(solver, "declines_by_itself", False):
+        return batch(problems)
+    taken = np.array([supports(solver, problem) for problem in problems], dtype=np.bool_)
+    if batch is None:
+        pairs = zip(problems, taken, strict=True)
+        return DirectionBatch.stack([solver.solve(each) if takes else unsupported(each) for each, takes in pairs])
+    if taken.all():
+        return batch(problems)
+    answers = DirectionBatch.stack([unsupported(problem) for problem in problems])
+    if not taken.any():
+        return answers
+    return answers.replaced(taken, batch(ProblemBatch.stack(problems).chosen(taken)))
 
 
 def unsupported(problem: DirectionProblem) -> Direction:
