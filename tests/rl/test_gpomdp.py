@@ -1,7 +1,7 @@
 """GPOMDP: compiled = plain = eq. 3–4; its mean is the exact expectation; its long-run limit is the linear solve's."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -182,15 +182,31 @@ def test_the_mean_of_many_episodes_is_the_exact_expectation_within_six_standard_
     assert_mean(estimate.gradients, gradient, 6)
 
 
+def delayed_rewards(delay: int = 4) -> TabularMDP:
+    """What is done in state 0 is paid four steps later by ±1, and nothing else is: all of Δ¹ is the trace's."""
+    states = 2 * delay + 1
+    chain = np.eye(states, k=1)
+    chain[[delay, -1]] = np.eye(states)[0]  # two chains that end in state 0
+    transitions = np.stack([chain, chain], axis=1)
+    transitions[0, 1] = np.eye(states)[delay + 1]
+    rewards = np.zeros((2, states, 2))
+    rewards[0, delay], rewards[0, -1], rewards[1, 0, 1] = 1.0, -1.0, 1.0
+    return TabularMDP(0.9 * transitions + 0.1 * np.eye(states)[:, None], rewards)
+
+
 @pytest.mark.parametrize("weights", ["paper", "usual"])
-def test_the_plain_path_has_the_exact_expectation_too(weights: str) -> None:
-    mdp, settings = ThreeStateMDP(), GPOMDP(weights=weights, steps=8, trace_decay=0.8, average_rate=0.3)
-    policy, runs = SoftmaxTable(3, 3, np.random.default_rng(2).random(9)), 500
+def test_the_plain_path_has_the_exact_expectation_too_and_forgets_nothing(weights: str) -> None:
+    mdp, settings = delayed_rewards(), GPOMDP(weights=weights, steps=12, trace_decay=0.8, average_rate=0.3)
+    policy, runs = SoftmaxTable(9, 2, np.random.default_rng(2).random(18)), 500
     plain = RolloutGPOMDP(settings, TabularEnv(mdp), policy, episode_streams(runs))
     estimate = plain.episode(np.tile(policy.parameters, (runs, 1)))
     value, gradient = expected_estimate(mdp, policy, settings)
     assert_mean(estimate.values, value, 6)
     assert_mean(estimate.gradients, gradient, 6)
+    for decay in (0.75, 0.85):  # so many runs tell β = 0.8 from both
+        other = expected_estimate(mdp, policy, replace(settings, trace_decay=decay))[1]
+        with pytest.raises(AssertionError, match="standard errors off"):
+            assert_mean(estimate.gradients, other, 6)
 
 
 # --- the limit of long episodes ----------------------------------------------------------------------------------
