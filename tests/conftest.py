@@ -1,21 +1,61 @@
-"""Shared by all tests: the slow marker, Hypothesis profiles, and shape checks of what is annotated."""
+"""Shared by all tests: the slow marker, Hypothesis profiles, shape checks of what is annotated, and whose turn it is
+to compile.
+"""
 
+import functools
 import importlib.util
 import os
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
+from typing import Any
 
+import jaxtyping
 import pytest
 from hypothesis import HealthCheck, settings
-from jaxtyping import install_import_hook
+
+ROOT = Path(__file__).parents[1]
+
+# Calls of each function whose shapes are checked in each test: the first, and then one out of so many. A law that is
+# put to thousands of problems would ask for the same shapes again and again, for a third of its time.
+FIRST_CALLS = 20
+ONE_OUT_OF = 16
+_calls: Counter[FunctionType] = Counter()
+
+
+def checked_at_times(every_time: Callable[..., Any]) -> Callable[..., Any]:
+    """jaxtyping's decorator, by which the import hook below checks every call, for some of the calls of a function."""
+
+    def decorator(*, typechecker: Any) -> Callable[[Any], Any]:
+        def decorate(found: Any) -> Any:
+            checked = every_time(found, typechecker=typechecker)
+            if not isinstance(found, FunctionType):
+                return checked
+
+            @functools.wraps(checked)
+            def called(*args: Any, **kwargs: Any) -> Any:
+                __tracebackhide__ = True
+                _calls[found] += 1
+                number = _calls[found]
+                is_checked = number <= FIRST_CALLS or number % ONE_OUT_OF == 0
+                return (checked if is_checked else found)(*args, **kwargs)
+
+            return called
+
+        return decorate
+
+    return decorator
+
 
 # Shapes are checked in the tests only. Compiled kernels stay out of the hook: a decorated kernel is no kernel.
-install_import_hook(
+jaxtyping.jaxtyped = checked_at_times(jaxtyping.jaxtyped)
+jaxtyping.install_import_hook(
     [
         "cpgrl_opt.active_set",
         "cpgrl_opt.direction",
@@ -43,6 +83,43 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--run-slow", action="store_true", help="run the tests that take over ten seconds too")
 
 
+def pytest_runtest_setup() -> None:
+    _calls.clear()
+
+
+def compile_projections() -> None:
+    """The kernels of `cpgrl_opt`."""
+    import_module("cpgrl_opt.step_kernels")
+    import_module("cpgrl_opt.solvers").compile_kernels()
+
+
+def compile_rollouts() -> None:
+    """The kernels of `rl` and `envs`."""
+    for name in ("continuous_gpomdp", "continuous_konda", "finite_gpomdp", "finite_konda"):
+        import_module(f"rl.estimators.{name}")
+    import_module("envs.arm_kernels")
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Waits while another process is in such a block; on Windows it does not."""
+    with path.open("rb") as file:
+        with suppress(ImportError):
+            import_module("fcntl").flock(file, 2)  # LOCK_EX; ends with the file, however the process ends
+        yield
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Where nothing is cached, two workers of pytest-xdist compile half of the kernels each, not each of them all."""
+    halves = [(compile_projections, ROOT / "cpgrl_opt"), (compile_rollouts, ROOT / "rl")]
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker is None:
+        return
+    for compile_half, package in halves if int(worker.removeprefix("gw")) % 2 == 0 else reversed(halves):
+        with locked(package / "__init__.py"):
+            compile_half()
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if config.getoption("--run-slow"):
         return
@@ -56,7 +133,7 @@ def load_benchmark() -> Callable[[str], ModuleType]:
     """load_benchmark("arm_speed"): benchmarks/arm_speed.py as a module; the folder is no package."""
 
     def load(name: str) -> ModuleType:
-        path = Path(__file__).parents[1] / "benchmarks" / f"{name}.py"
+        path = ROOT / "benchmarks" / f"{name}.py"
         spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None
         assert spec.loader is not None

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import suppress
 
 import jaxtyping
 import numpy as np
@@ -20,6 +21,19 @@ def test_a_wrong_shape_is_noticed_in_the_tests():
     problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]])
     with pytest.raises(jaxtyping.TypeCheckError):
         violation(problem, np.zeros((1, 2)))
+
+
+def test_a_wrong_shape_is_noticed_late_in_a_test_too():
+    problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]])
+    for _ in range(1000):
+        violation(problem, np.zeros(2))
+    noticed = 0
+    for _ in range(64):
+        with suppress(jaxtyping.TypeCheckError):
+            violation(problem, np.zeros((2, 1)))
+            continue
+        noticed += 1
+    assert noticed >= 4
 
 
 def test_without_jaxtyping_they_stand_for_any_array():
