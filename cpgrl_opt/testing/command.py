@@ -64,7 +64,10 @@ def check_target(
             results.append(message)
             progress(message.check)
     if not any(result.supported for result in results):
-        raise CannotCheck(f"{target} should take some of the laws' problems; found that `supports` takes none")
+        raise CannotCheck(
+            f"{target} should take some of the laws' problems, Euclidean ones or, with `takes_geometry = True`, those "
+            "with a radius, of several rows or one; found that `supports` takes none"
+        )
     verdict = Verdict(target, tolerance, max_examples, seed, tuple(results))
     if markdown is not None:
         markdown.write_text(verdict.to_markdown(), encoding="utf-8")

@@ -12,11 +12,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
-from .geometries import constraints_of, problems_in_geometry, problems_out_of_reach
+from .geometries import TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
 from .strategies import (
     ALL_CASES,
     DEPENDENT_SHAPES,
-    SHAPES,
     SHIFTED_CASES,
     Case,
     NumberChoice,
@@ -30,6 +29,7 @@ from .strategies import (
     orders,
     rescaled,
     row_factors,
+    shapes_of,
 )
 
 Problems = st.SearchStrategy[DirectionProblem]
@@ -42,7 +42,8 @@ _EXACT_ROW_SCALES = st.sampled_from((1.0, 1.0, 2.0**20, 2.0**40))
 class Family:
     """A source of problems; `problems` maps the cases that a solver takes to a strategy.
 
-    geometry: the one that all its problems are in, None for Euclidean ones without a ball.
+    geometry: the one that all its problems are in, None for Euclidean ones without a ball. several_rows: it is about
+    how rows lie to each other. only: the limit of the solvers that it is for, None for all.
     """
 
     name: str
@@ -50,6 +51,20 @@ class Family:
     problems: Callable[[Collection[Case]], Problems]
     cases: tuple[Case, ...] = ALL_CASES
     geometry: Case | None = None
+    several_rows: bool = False
+    only: Case | None = None
+
+    def serves(self, cases: Collection[Case]) -> bool:
+        """Whether solvers that take these cases may be given its problems."""
+        if self.only is not None and self.only not in cases:
+            return False
+        if self.several_rows and Case.ONE_ROW in cases:
+            return False
+        if Case.BALL in cases:
+            return self.geometry == Case.RADIUS
+        if not any(case in ALL_CASES for case in cases):  # nothing but geometries is asked for
+            return self.geometry in cases
+        return self.geometry is None or self.geometry in cases
 
     @property
     def weight(self) -> int:
@@ -110,7 +125,7 @@ def nearly_dependent(
 @st.composite
 def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """J g ≥ b, = b on E, exactly: then d = g."""
-    n, m = draw(st.sampled_from(SHAPES))
+    n, m = draw(st.sampled_from(shapes_of(cases)))
     jacobian, g = integers(draw, m, n), integers(draw, n)
     case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
     equality = np.full(m, case in (Case.TANGENT, Case.AFFINE)) | (np.arange(m) < (case == Case.MIXED))
@@ -142,7 +157,8 @@ def weakly_infeasible(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> D
 def far_bounds(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """One inequality is slack by 1e6 … 1e15 beside others that bind."""
     members("cases", cases, (Case.BOUNDS, Case.MIXED))
-    problem = draw(direction_problems(conflict=(0, 2), cases=[case for case in cases if case.is_shifted]))
+    shifted = [case for case in cases if case.is_shifted or case.is_limit]
+    problem = draw(direction_problems(conflict=(0, 2), cases=shifted))
     bound = problem.bound.copy()
     bound[np.flatnonzero(~problem.equality)[-1:]] = -(10.0 ** draw(st.integers(6, 15)))
     return DirectionProblem(problem.gradient, problem.jacobian, bound, problem.equality)
@@ -168,10 +184,11 @@ WELL_POSED = (
         "rank-deficient",
         "rank 1 or 2 of 3 or 5 rows",
         lambda cases: direction_problems(3, st.sampled_from((3, 5)), rank=(1, 2), cases=cases),
+        several_rows=True,
     ),
-    Family("duplicate rows", "multipliers are not unique, the direction is", duplicate_rows),
-    Family("opposing rows", "the cone has no interior", opposing_rows),
-    Family("sum to zero", "the paper's own Δ² + Δ³ + Δ⁴ = 0", sum_to_zero),
+    Family("duplicate rows", "multipliers are not unique, the direction is", duplicate_rows, several_rows=True),
+    Family("opposing rows", "the cone has no interior", opposing_rows, several_rows=True),
+    Family("sum to zero", "the paper's own Δ² + Δ³ + Δ⁴ = 0", sum_to_zero, several_rows=True),
     Family("zero rows", "nothing was learnt about a constraint", zero_rows),
     Family(
         "row scales",
@@ -183,17 +200,36 @@ WELL_POSED = (
         "policy gradients are small; absolute tolerances then return g unchanged",
         lambda cases: direction_problems(scale=st.sampled_from((1e-8, 1e-4, 1e8)), cases=cases),
     ),
-    Family("cone of zero", "the answer is 0 whatever g", lambda cases: cone_of_zero(), (Case.CONE,)),  # noqa: ARG005
-    Family("nearly opposing", "1e-7 … 1e-1 rad: the hard family", lambda cases: nearly_dependent(cases)),
+    Family(
+        "cone of zero",
+        "the answer is 0 whatever g",
+        lambda cases: cone_of_zero(),  # noqa: ARG005
+        (Case.CONE,),
+        several_rows=True,
+    ),
+    Family(
+        "nearly opposing",
+        "1e-7 … 1e-1 rad: the hard family",
+        lambda cases: nearly_dependent(cases),
+        several_rows=True,
+    ),
     Family(
         "nearly parallel",
         "1e-7 … 1e-1 rad: a rank decision merges two rows",
         lambda cases: nearly_dependent(cases, opposing=False),
+        several_rows=True,
     ),
     Family("no constraints", "m = 0: d = g", lambda cases: direction_problems(3, 0, cases=cases)),
     Family("feasible gradient", "nothing to do: d = g", feasible_gradients),
     Family("in a metric", "M⁻¹ is easily forgotten, or put twice", _in_geometry(Case.METRIC), geometry=Case.METRIC),
     Family("in a ball", "constrained policy optimization", _in_geometry(Case.RADIUS), geometry=Case.RADIUS),
+    Family(
+        "feasible gradient in a ball",
+        "as a rule the constraints do not bind: d = radius g/‖g‖",
+        lambda cases: in_some_ball(feasible_gradients(cases)),
+        geometry=Case.RADIUS,
+        only=Case.BALL,
+    ),
 )
 
 HOSTILE = (
@@ -201,16 +237,25 @@ HOSTILE = (
         "almost opposing",
         "1e-12 … 1e-7 rad: beyond what float64 certifies",
         lambda cases: nearly_dependent(cases, angle=(1e-12, 1e-7)),
+        several_rows=True,
     ),
     Family(
         "extreme scales",
         "‖v‖² over- or underflows",
         lambda cases: direction_problems(scale=st.sampled_from((1e-100, 1e100)), cases=cases),
     ),
-    Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES),
+    Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES, several_rows=True),
     Family("far bounds", "a huge number that must not set the scale", far_bounds, (Case.BOUNDS, Case.MIXED)),
     Family("infeasible", "no direction exists", lambda cases: infeasible_problems(cases=cases), SHIFTED_CASES),
     Family("out of reach", "the ball misses the constraints", problems_out_of_reach, SHIFTED_CASES, Case.RADIUS),
+    Family(
+        "touching",
+        "the ball meets the constraints in one point, where no multiplier need be finite",
+        lambda cases: in_some_ball(direction_problems(cases=cases), factors=TOUCHING),
+        SHIFTED_CASES,
+        Case.RADIUS,
+        only=Case.BALL,
+    ),
 )
 
 
@@ -227,16 +272,13 @@ def hostile_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
 @cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
 def _mixed(families: tuple[Family, ...], cases: tuple[Case, ...]) -> Problems:
     """A problem of any of the families, often with all gradients short or long, or rows of very different lengths."""
-    constraints, known = constraints_of(cases), (None, *cases)
-    if not any(not case.is_geometry for case in cases):  # nothing but geometries is asked for
-        known = tuple(cases)
+    constraints = constraints_of(cases)
+    limit = [case for case in constraints if case.is_limit]
     applicable = [
-        (family, [case for case in family.cases if case in constraints])
-        for family in families
-        if family.geometry in known
+        (family, [case for case in family.cases if case in constraints]) for family in families if family.serves(cases)
     ]
     return _at_any_scale(
-        st.one_of([family.problems(own) for family, own in applicable if own for _ in range(family.weight)])
+        st.one_of([family.problems([*own, *limit]) for family, own in applicable if own for _ in range(family.weight)])
     )
 
 
@@ -250,7 +292,7 @@ def _dependent(
     draw: st.DrawFn, cases: Collection[Case], last_row: Callable[[np.ndarray], np.ndarray]
 ) -> DirectionProblem:
     """Integer rows of which the last is a function of the others, in any order."""
-    n, m = draw(st.sampled_from(DEPENDENT_SHAPES))
+    n, m = draw(st.sampled_from(shapes_of(cases, DEPENDENT_SHAPES)))
     jacobian = integer_rows(draw, n, m)
     jacobian[-1] = last_row(jacobian)
     jacobian = jacobian[orders(draw, m)]

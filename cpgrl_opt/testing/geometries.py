@@ -9,20 +9,31 @@ from ..direction import Status
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS
 from .law import length, varied, whitened
-from .strategies import ALL_CASES, GEOMETRIES, SHAPES, SHIFTED_CASES, Case, direction_problems, integers, picks
+from .strategies import (
+    ALL_CASES,
+    GEOMETRIES,
+    SHIFTED_CASES,
+    Case,
+    direction_problems,
+    integers,
+    picks,
+    shapes_of,
+)
 
 Problems = st.SearchStrategy[DirectionProblem]
 
 # Units of single parameters differ by this.
 _UNITS = (1.0, 2.0, 0.5, 16.0, 1 / 16)
 # Radii, in units of the length of the shortest direction that the constraints allow.
-_REACHING = (2.0, 1.25, 8.0)
+REACHING = (2.0, 1.25, 8.0)
 _MISSING = (0.5, 0.125)
+TOUCHING = (1.0,)
 
 
 def constraints_of(cases: Collection[Case]) -> list[Case]:
-    """The kinds of constraints among the cases; all if only geometries are named."""
-    return [case for case in cases if not case.is_geometry] or list(ALL_CASES)
+    """The kinds of constraints among the cases, all if none is named; and, where it is named, that there is one."""
+    kinds = [case for case in cases if case in ALL_CASES] or list(ALL_CASES)
+    return kinds + [case for case in cases if case == Case.ONE_ROW]
 
 
 @st.composite
@@ -30,20 +41,21 @@ def problems_in_geometry(
     draw: st.DrawFn, n: int | None = None, m: int | None = None, *, cases: Collection[Case] = GEOMETRIES
 ) -> DirectionProblem:
     """Small integer problems in a metric or, with Case.RADIUS, mostly in a ball that meets the constraints."""
-    problem = draw(direction_problems(*_shape(draw, n, m), cases=constraints_of(cases)))
+    shape = draw(st.sampled_from(shapes_of(cases))) if n is None or m is None else (n, m)
+    problem = draw(direction_problems(*shape, cases=constraints_of(cases)))
     kind = draw(st.sampled_from([case for case in GEOMETRIES if case in cases]))
     if kind == Case.METRIC:
         return varied(problem, metric=_metric(draw, problem.n))
     if draw(st.booleans()):
         problem = varied(problem, metric=_metric(draw, problem.n))
-    return varied(problem, radius=_radius(draw, problem, _REACHING))
+    return varied(problem, radius=_radius(draw, problem, REACHING))
 
 
 @st.composite
 def problems_out_of_reach(draw: st.DrawFn, cases: Collection[Case] = (*SHIFTED_CASES, Case.RADIUS)) -> DirectionProblem:
     """The ball misses the constraints by half the distance at least; feasible without it, if 0 is not allowed."""
     shifted = [case for case in constraints_of(cases) if case.is_shifted]
-    problem = draw(direction_problems(*draw(st.sampled_from(SHAPES)), cases=shifted))
+    problem = draw(direction_problems(*draw(st.sampled_from(shapes_of(cases))), cases=shifted))
     bound = problem.bound.copy()
     asked = problem.jacobian[0] @ np.ones(problem.n)
     if not (np.where(problem.equality, bound != 0, bound > 0)).any():  # ask for something that is there
@@ -64,8 +76,13 @@ def in_some_metric(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
     return varied(problem, metric=_metric(draw, problem.n))
 
 
-def _shape(draw: st.DrawFn, n: int | None, m: int | None) -> tuple[int, int]:
-    return draw(st.sampled_from(SHAPES)) if n is None or m is None else (n, m)
+@st.composite
+def in_some_ball(draw: st.DrawFn, problems: Problems, *, factors: tuple[float, ...] = REACHING) -> DirectionProblem:
+    """Any of the problems, in a ball and perhaps a metric; factors: radii, in units of the shortest direction."""
+    problem = draw(problems)
+    if draw(st.booleans()):
+        problem = varied(problem, metric=_metric(draw, problem.n))
+    return varied(problem, radius=_radius(draw, problem, factors))
 
 
 def _metric(draw: st.DrawFn, n: int) -> np.ndarray:

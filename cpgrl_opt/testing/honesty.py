@@ -78,11 +78,10 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     Least: ‖Ĵᵀr‖ ≤ (1 + m) ε s, the gradient of the convex ½‖r‖², s = max(‖g‖, ‖d‖, b̂₊, |b̂| on E); so r is within
     2H(1 + m)εs of the least one. Nearest: d is within (1 + 2H)(1 + m) · `relative_distance`(ε + its ε) · s of
     `enumeration`'s projection of g onto {Ĵd ≥ b̂ − r}. `problem` should be infeasible; by a zero row: skipped.
-    In a metric all of this is measured where M = I; what a ball misses is skipped.
-    Source: Hoffman's bound and strong convexity in r; Censor & Elfving 1982.
+    In a ball: ‖Π(d + Ĵᵀr) − d‖ ≤ (2 + m) ε s, Π the projection onto the ball, s = max(radius, b̂₊, |b̂| on E); which of
+    several is nearest to g is not asked. In a metric all of this is measured where M = I.
+    Source: Hoffman's bound and strong convexity in r; Censor & Elfving 1982; Bauschke & Combettes, Proposition 26.2.
     """
-    if problem.radius is not None:
-        raise NothingClaimed(Outcome.SKIPPED)
     answer = _infeasible(solver, problem)
     rows = unit_rows(euclidean(problem).jacobian)
     bound = rows.per_length(problem.bound)
@@ -92,9 +91,13 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     lack = bound - rows.jacobian @ value
     lack = np.where(problem.equality, lack, np.maximum(lack, 0.0))
     required = np.where(problem.equality, np.abs(bound), np.maximum(bound, 0.0))
+    pull = rows.jacobian.T @ lack
+    if problem.radius is not None:
+        _require_least_in_ball(solver, problem, answer, pull, max(problem.radius, float(required.max(initial=0.0))))
+        return
     unit = max(length(euclidean(problem).gradient), length(value), float(required.max(initial=0.0)))
     require_at_most(
-        length(rows.jacobian.T @ lack) / unit,
+        length(pull) / unit,
         violation_tolerance(tolerance_of(solver), problem.m),
         "‖Ĵᵀ(b̂ − Ĵd)₊‖ / s of an INFEASIBLE direction",
         "The direction should violate the constraints least, in the 2-norm on unit rows.",
@@ -102,6 +105,23 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
         answer,
     )
     _require_nearest(solver, problem, answer, rows.times_length(lack), unit)
+
+
+def _require_least_in_ball(
+    solver: DirectionSolver, problem: DirectionProblem, answer: Answer, pull: np.ndarray, unit: float
+) -> None:
+    """The pull Ĵᵀr of what is violated leads out of the ball, or is 0; the ball counts as one constraint more."""
+    radius, value = float(problem.radius or 0.0), whitened(problem, answer.value)
+    pulled = value + pull
+    projected = pulled * min(1.0, radius / (length(pulled) or 1.0))
+    require_at_most(
+        length(projected - value) / unit,
+        violation_tolerance(tolerance_of(solver), problem.m + 1),
+        "‖Π(d + Ĵᵀ(b̂ − Ĵd)₊) − d‖ / s of an INFEASIBLE direction, Π the projection onto the ball",
+        "The direction should stay in the ball and violate the constraints least there, in the 2-norm on unit rows.",
+        problem,
+        answer,
+    )
 
 
 def _require_nearest(

@@ -14,12 +14,12 @@ from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, supports
 from . import conduct, honesty, invariance, optimality, projection_laws, sequences
 from .families import feasible_gradients, hostile_problems, well_posed_problems
-from .geometries import constraints_of, in_some_metric, problems_in_geometry, problems_out_of_reach
+from .geometries import constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
 from .law import Outcome, varied
 from .strategies import (
     ALL_CASES,
     GEOMETRIES,
-    SHAPES,
+    LIMITS,
     SHIFTED_CASES,
     Case,
     direction_problems,
@@ -27,19 +27,22 @@ from .strategies import (
     integers,
     orders,
     row_factors,
+    shapes_of,
 )
 
 Arguments = st.SearchStrategy[dict[str, Any]]
 _ANY = tuple(Case)
+_SEVERAL_ROWS = tuple(case for case in Case if case != Case.ONE_ROW)
 _WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED, *GEOMETRIES)
-_PROJECTIONS = (*ALL_CASES, Case.METRIC)
+_PROJECTIONS = (*ALL_CASES, Case.METRIC, Case.ONE_ROW)
 
 
 @dataclass(frozen=True)
 class Law:
     """A check, and `arguments`: from the cases that a solver takes to a strategy for all arguments but the solver.
 
-    cases: those that the law speaks about. needs: whether the solver has what the law is about; else it is excused.
+    cases: those that the law speaks about, a limit where it says something about problems so limited. needs: whether
+    the solver has what the law is about; else it is excused.
     may_decline: the problems include some that no solver need answer.
     """
 
@@ -63,28 +66,52 @@ class Law:
         """The law's cases that the solver takes; none if it lacks what the law is about."""
         if self.needs is not None and not self.needs(solver):
             return []
-        cases = [case for case in supported_cases(solver) if case in self.cases]
-        return cases if any(not case.is_geometry for case in cases) else []
+        supported = supported_cases(solver)
+        if any(case.is_limit and case not in self.cases for case in supported):
+            return []
+        cases = [case for case in supported if case in self.cases]
+        return cases if any(case in ALL_CASES for case in cases) else []
 
 
 def supported_cases(solver: DirectionSolver) -> list[Case]:
     """The cases for which the solver's `supports` takes a small example, the five of constraints if it has none.
 
-    A geometry where it takes an example of any constraints that it takes.
+    A geometry where it takes an example of any constraints that it takes. Where it takes no example at all, those of
+    one row, those in a ball, and those of one row in a ball are tried, and the limits come with the cases.
     """
-    constraints = [case for case in ALL_CASES if supports(solver, _example(case))]
+    limits: tuple[Case, ...]
+    for limits in ((), (Case.ONE_ROW,), (Case.BALL,), LIMITS):
+        kinds = [case for case in ALL_CASES if case != Case.MIXED or Case.ONE_ROW not in limits]
+        constraints = [case for case in kinds if supports(solver, _example(case, limits))]
+        if constraints:
+            examples = [_example(case, limits) for case in constraints]
+            return [*constraints, *_supported_geometries(solver, examples, limits), *limits]
+    return []
+
+
+def _supported_geometries(
+    solver: DirectionSolver, examples: list[DirectionProblem], limits: Collection[Case]
+) -> list[Case]:
+    if Case.BALL in limits:
+        return [Case.RADIUS]
     geometries: dict[Case, dict[str, Any]] = {Case.METRIC: {"metric": [1.0, 2.0, 3.0]}, Case.RADIUS: {"radius": 2.0}}
-    return constraints + [
+    return [
         case
         for case, settings in geometries.items()
-        if any(supports(solver, varied(_example(each), **settings)) for each in constraints)
+        if any(supports(solver, varied(example, **settings)) for example in examples)
     ]
 
 
-def _example(case: Case) -> DirectionProblem:
+def _example(case: Case, limits: Collection[Case]) -> DirectionProblem:
+    rows = slice(0, 1 if Case.ONE_ROW in limits else 2)
     equality = {Case.TANGENT: [True, True], Case.AFFINE: [True, True], Case.MIXED: [True, False]}
-    bound = [1.0, 1.0] if case.is_shifted else [0.0, 0.0]
-    return DirectionProblem([1.0, 2.0, 3.0], [[1.0, 0.0, 1.0], [0.0, 1.0, -1.0]], bound, equality.get(case, False))
+    return DirectionProblem(
+        [1.0, 2.0, 3.0],
+        [[1.0, 0.0, 1.0], [0.0, 1.0, -1.0]][rows],
+        1.0 if case.is_shifted else 0.0,
+        equality.get(case, [False, False])[rows],
+        radius=2.0 if Case.BALL in limits else None,
+    )
 
 
 def _well_posed(cases: Collection[Case]) -> Arguments:
@@ -101,6 +128,9 @@ def _hostile(cases: Collection[Case]) -> Arguments:
 
 def _infeasible(cases: Collection[Case]) -> Arguments:
     problems = infeasible_problems(cases=constraints_of(cases))
+    if Case.BALL in cases:
+        out_of_reach = problems_out_of_reach(cases)
+        return st.fixed_dictionaries({"problem": st.one_of(out_of_reach, out_of_reach, in_some_ball(problems))})
     if Case.METRIC in cases:
         problems = st.one_of(problems, problems, in_some_metric(problems))
     if Case.RADIUS in cases:
@@ -159,7 +189,8 @@ def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 
 @st.composite
 def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(direction_problems(*draw(st.sampled_from(SHAPES)), cases=constraints_of(cases)))
+    n, m = draw(st.sampled_from(shapes_of(cases)))
+    problem = draw(_problems_of_shape(n, m, cases))
     where = draw(st.sampled_from(("gradient", "jacobian", "bound")))
     values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
     return {"problem": problem, "where": where, "value": draw(st.sampled_from(values))}
@@ -167,38 +198,51 @@ def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]
 
 @st.composite
 def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    n, m = draw(st.sampled_from(SHAPES))
-    problem = direction_problems(n, m, cases=constraints_of(cases))
+    n, m = draw(st.sampled_from(shapes_of(cases)))
+    problem = _problems_of_shape(n, m, cases)
     kinds: list[Case | None] = [None, None, None, *(case for case in cases if case.is_geometry)]
     kind = draw(st.sampled_from(kinds))  # of one batch, all have a radius or none
-    if kind is not None:
+    if kind is not None and Case.BALL not in cases:
         problem = problems_in_geometry(n, m, cases=[*constraints_of(cases), kind])
     return {"problems": draw(st.lists(problem, min_size=1, max_size=4))}
+
+
+def _problems_of_shape(n: int, m: int, cases: Collection[Case]) -> st.SearchStrategy[DirectionProblem]:
+    """Without a ball unless there is always one."""
+    if Case.BALL in cases:
+        return problems_in_geometry(n, m, cases=[*constraints_of(cases), Case.RADIUS])
+    return direction_problems(n, m, cases=constraints_of(cases))
+
+
+def _violates_in_part(solver: DirectionSolver) -> bool:
+    """Rows that oppose each other, or a ball, can be violated more or less; one zero row is so by every direction."""
+    cases = supported_cases(solver)
+    return Case.ONE_ROW not in cases or Case.BALL in cases
 
 
 _TABLE = (
     Law(honesty.check_claims_are_certified, _hostile, may_decline=True),
     Law(optimality.check_stationarity, _well_posed),
     Law(optimality.check_primal_feasibility, _well_posed),
-    Law(optimality.check_dual_feasibility, _well_posed, _WITH_INEQUALITIES),
-    Law(optimality.check_complementarity, _well_posed, _WITH_INEQUALITIES),
-    Law(optimality.check_gradient_kept_when_feasible, _feasible_gradients, ALL_CASES),
+    Law(optimality.check_dual_feasibility, _well_posed, (*_WITH_INEQUALITIES, *LIMITS)),
+    Law(optimality.check_complementarity, _well_posed, (*_WITH_INEQUALITIES, *LIMITS)),
+    Law(optimality.check_gradient_kept_when_feasible, _feasible_gradients, (*ALL_CASES, Case.ONE_ROW)),
     Law(optimality.check_zero_only_when_optimal, _well_posed),
     Law(optimality.check_agreement_with_enumeration, _well_posed),
     Law(projection_laws.check_idempotence, _well_posed, _PROJECTIONS),
     Law(projection_laws.check_non_expansiveness, _with_gradient, _PROJECTIONS),
     Law(projection_laws.check_firm_non_expansiveness, _with_gradient, _PROJECTIONS),
-    Law(projection_laws.check_restoration_is_normal, _well_posed, (Case.AFFINE,)),
-    Law(projection_laws.check_symmetry, _with_gradient, (Case.TANGENT,)),
-    Law(invariance.check_permutation, _with_order),
+    Law(projection_laws.check_restoration_is_normal, _well_posed, (Case.AFFINE, Case.ONE_ROW)),
+    Law(projection_laws.check_symmetry, _with_gradient, (Case.TANGENT, Case.ONE_ROW)),
+    Law(invariance.check_permutation, _with_order, _SEVERAL_ROWS),
     Law(invariance.check_row_scaling, _with_factors),
     Law(invariance.check_scaling, _with_factor),
-    Law(invariance.check_duplicate_row, _with_index),
-    Law(invariance.check_inactive_row, _with_row, _WITH_INEQUALITIES),
+    Law(invariance.check_duplicate_row, _with_index, _SEVERAL_ROWS),
+    Law(invariance.check_inactive_row, _with_row, (*_WITH_INEQUALITIES, Case.BALL)),
     Law(invariance.check_rotation, _with_rotation),
     Law(honesty.check_feasible_is_not_called_infeasible, _well_posed),
-    Law(honesty.check_infeasible_is_called_infeasible, _infeasible, (*SHIFTED_CASES, *GEOMETRIES)),
-    Law(honesty.check_least_violation, _infeasible, (*SHIFTED_CASES, Case.METRIC)),
+    Law(honesty.check_infeasible_is_called_infeasible, _infeasible, (*SHIFTED_CASES, *GEOMETRIES, *LIMITS)),
+    Law(honesty.check_least_violation, _infeasible, (*SHIFTED_CASES, Case.METRIC, *LIMITS), needs=_violates_in_part),
     Law(conduct.check_non_finite_is_refused, _with_bad_number),
     Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
     Law(conduct.check_answers_repeat, _two_problems, may_decline=True),

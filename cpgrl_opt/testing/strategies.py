@@ -22,14 +22,16 @@ LARGEST_ENTRY = 9
 # Few shapes (n, m): modelling languages compile anew for each. The smallest first: Hypothesis shrinks to it.
 SHAPES = ((2, 1), (2, 3), (9, 3), (3, 5))
 DEPENDENT_SHAPES = tuple(shape for shape in SHAPES if shape[1] >= 3)
+ONE_ROW_SHAPES = ((2, 1), (1, 1), (3, 1), (9, 1))
 _BLOCK_SIZE = 9
 _BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
 
 
 class Case(StrEnum):
-    """What solvers differ in: five kinds of constraints, and two geometries that go with any of them.
+    """What solvers differ in: five kinds of constraints, two geometries that go with any of them, and two limits.
 
-    A solver without `supports` is taken to handle the five; the geometries only where it has `takes_geometry`.
+    A solver without `supports` is taken to handle the five; the geometries only where it has `takes_geometry`. A limit
+    is what all problems of a solver have in common where `supports` takes no others.
     """
 
     CONE = "J d ≥ 0"
@@ -39,6 +41,8 @@ class Case(StrEnum):
     MIXED = "J d ≥ b, = b in some rows"
     METRIC = "½dᵀMd for ½‖d‖²"
     RADIUS = "max gᵀd, dᵀMd ≤ radius²"
+    ONE_ROW = "one constraint at most"
+    BALL = "never without a radius"
 
     @property
     def is_geometry(self) -> bool:
@@ -46,14 +50,20 @@ class Case(StrEnum):
         return self in (Case.METRIC, Case.RADIUS)
 
     @property
+    def is_limit(self) -> bool:
+        """Whether it says what the problems of a solver never are."""
+        return self in (Case.ONE_ROW, Case.BALL)
+
+    @property
     def is_shifted(self) -> bool:
         """Whether b ≠ 0."""
         return self in (Case.BOUNDS, Case.AFFINE, Case.MIXED)
 
 
-ALL_CASES = tuple(case for case in Case if not case.is_geometry)  # of constraints
+ALL_CASES = tuple(case for case in Case if not case.is_geometry and not case.is_limit)  # of constraints
 GEOMETRIES = tuple(case for case in Case if case.is_geometry)
 SHIFTED_CASES = tuple(case for case in Case if case.is_shifted)
+LIMITS = tuple(case for case in Case if case.is_limit)
 
 
 @st.composite
@@ -78,9 +88,9 @@ def direction_problems(
     scale c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d. row_scale r: rows (and bounds) times 1/r, 1 or r.
     conflict: how many constraints bind at the optimum, which is then planted: g = d − Jᵀμ. At most the rank.
     feasible: False makes b miss {Jd} by at least 1e-3 max|b̂|; takes n, m ≥ 1, the scales, and cases with bounds only.
-    cases: which of `Case` to draw from.
+    cases: which kinds of constraints to draw from; with Case.ONE_ROW among them, m = 1 unless it is given.
     """
-    shape = _shape(draw, n, m)
+    shape = _shape(draw, n, m, shapes_of(cases))
     if not chosen(draw, feasible):
         problem = draw(infeasible_problems(*shape, cases=cases))
     else:
@@ -93,6 +103,11 @@ def direction_problems(
         binding = None if conflict is None else chosen(draw, conflict)
         problem = feasible_problem(draw, jacobian, case, conflict=binding)
     return rescaled(problem, chosen(draw, scale), row_factors(draw, problem.m, chosen(draw, row_scale)))
+
+
+def shapes_of(cases: Collection[Case], shapes: tuple[tuple[int, int], ...] = SHAPES) -> tuple[tuple[int, int], ...]:
+    """The shapes (n, m), or those of one constraint where the cases are limited to it."""
+    return ONE_ROW_SHAPES if Case.ONE_ROW in cases else shapes
 
 
 def chosen(draw: st.DrawFn, choice: Any) -> Any:
@@ -202,7 +217,7 @@ def infeasible_problems(
 
     The last of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ, tᵢ > ‖Jᵢ‖ or > ‖Jᵢ‖/32.
     """
-    shape = _shape(draw, n, m, DEPENDENT_SHAPES)
+    shape = _shape(draw, n, m, shapes_of(cases, DEPENDENT_SHAPES))
     case = draw(st.sampled_from(members("cases of infeasible problems", cases, SHIFTED_CASES)))
     jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0])
     jacobian[:, 0] += ~jacobian.any(axis=1)  # a zero row is a case of its own, k = 1
@@ -238,7 +253,7 @@ def _shape(
     draw: st.DrawFn,
     n: IntegerChoice | None,
     m: IntegerChoice | None,
-    shapes: Sequence[tuple[int, int]] = SHAPES,
+    shapes: Sequence[tuple[int, int]],
 ) -> tuple[int, int]:
     if n is None and m is None:
         return draw(st.sampled_from(shapes))

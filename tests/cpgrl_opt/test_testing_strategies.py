@@ -17,6 +17,7 @@ from cpgrl_opt.testing import (
     infeasible_problems,
     well_posed_problems,
 )
+from cpgrl_opt.testing.strategies import ALL_CASES
 
 SHIFTED = [case for case in Case if case.is_shifted]
 
@@ -99,7 +100,7 @@ def test_infeasible_ones_come_from_the_general_strategy_too(problem):
     assert SOLVERS["enumeration"].solve(problem).status == Status.INFEASIBLE
 
 
-@pytest.mark.parametrize("case", [case for case in Case if not case.is_geometry])
+@pytest.mark.parametrize("case", ALL_CASES)
 def test_cases_are_kept_to(case):
     @given(well_posed_problems([case]))
     @settings(max_examples=40)

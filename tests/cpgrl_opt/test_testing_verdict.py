@@ -22,6 +22,7 @@ from cpgrl_opt.testing import (
     parametrize_with_checks,
     supported_cases,
 )
+from cpgrl_opt.testing.strategies import ALL_CASES
 
 PROBLEM = DirectionProblem([1.0, 1.0], [[-1.0, 0.0]])
 
@@ -159,7 +160,7 @@ def test_a_check_that_ran_on_nothing_is_not_passed():
 def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
     verdict = check_direction_solver(UnitLength(), checks=["check_stationarity"], max_examples=1)
     assert verdict.tolerance == 1e-6
-    assert supported_cases(UnitLength()) == [case for case in Case if not case.is_geometry]
+    assert supported_cases(UnitLength()) == list(ALL_CASES)
     assert set(supported_cases(SOLVERS["rosen"])) == {Case.TANGENT, Case.AFFINE, Case.METRIC, Case.RADIUS}
 
 
