@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 
 import numba
 import numpy as np
@@ -119,18 +120,21 @@ def test_streams_are_fixed_by_their_seed_and_differ_between_children():
     assert random_state(np.random.SeedSequence(7, spawn_key=(0,))).tolist() == first.tolist()
 
 
-@numba.njit(RESET_SIGNATURE)
-def start_anywhere(constants, random_state, state):
-    for i in range(state.size):
-        state[i] = constants[0] * uniform(random_state)
+@cache  # not compiled where another worker has the tests that need it
+def reset_and_step():
+    @numba.njit(RESET_SIGNATURE)
+    def start_anywhere(constants, random_state, state):
+        for i in range(state.size):
+            state[i] = constants[0] * uniform(random_state)
 
+    @numba.njit(STEP_SIGNATURE)
+    def drift(constants, state, action, random_state, reward):
+        state[0] += action[0]
+        reward[0] = state[0]
+        reward[1] = uniform(random_state)
+        return 1 if state[0] > constants[1] else 0
 
-@numba.njit(STEP_SIGNATURE)
-def drift(constants, state, action, random_state, reward):
-    state[0] += action[0]
-    reward[0] = state[0]
-    reward[1] = uniform(random_state)
-    return 1 if state[0] > constants[1] else 0
+    return start_anywhere, drift
 
 
 class Line:
@@ -139,29 +143,28 @@ class Line:
     reward_channels = 2
 
     def continuous_kernels(self):
-        return ContinuousKernels(1, 1, 2, np.array([0.5, 3.0]), start_anywhere, drift, 100, ("over the edge",))
-
-
-@numba.njit(
-    types.Tuple((types.int64, types.int64))(
-        function_type(RESET_SIGNATURE),
-        function_type(STEP_SIGNATURE),
-        types.float64[::1],
-        types.uint64[::1],
-        types.float64[:, ::1],
-    )
-)
-def rollout(reset, step, constants, random_state, rewards):
-    state, action = np.empty(1), np.full(1, 0.25)
-    reset(constants, random_state, state)
-    for t in range(len(rewards)):
-        event = step(constants, state, action, random_state, rewards[t])
-        if event != 0:
-            return t + 1, event
-    return len(rewards), 0
+        return ContinuousKernels(1, 1, 2, np.array([0.5, 3.0]), *reset_and_step(), 100, ("over the edge",))
 
 
 def test_one_compiled_rollout_takes_any_environments_kernels():
+    @numba.njit(
+        types.Tuple((types.int64, types.int64))(
+            function_type(RESET_SIGNATURE),
+            function_type(STEP_SIGNATURE),
+            types.float64[::1],
+            types.uint64[::1],
+            types.float64[:, ::1],
+        )
+    )
+    def rollout(reset, step, constants, random_state, rewards):
+        state, action = np.empty(1), np.full(1, 0.25)
+        reset(constants, random_state, state)
+        for t in range(len(rewards)):
+            event = step(constants, state, action, random_state, rewards[t])
+            if event != 0:
+                return t + 1, event
+        return len(rewards), 0
+
     kernels = Line().continuous_kernels()
     rewards = np.zeros((kernels.max_steps, kernels.reward_channels))
     state = random_state(np.random.SeedSequence(3))
@@ -190,18 +193,21 @@ def test_environments_are_told_apart_by_what_they_offer():
         ({"max_steps": -1}, "max_steps should be an integer ≥ 1"),
         ({"constants": np.array([np.nan])}, "constants should have no NaN"),
         ({"constants": np.array([[1.0]])}, "constants should have one axis"),
-        ({"step": start_anywhere}, r"step should be compiled by numba for int64\(.*found \("),
+        ({"step": "reset"}, r"step should be compiled by numba for int64\(.*found \("),
         ({"reset": print}, "reset should be compiled by numba for void.*found builtin_function_or_method"),
     ],
 )
 def test_kernels_that_do_not_fit_are_refused(change, message):
+    reset, step = reset_and_step()
+    if change.get("step") == "reset":
+        change = {"step": reset}
     good = {
         "state_size": 1,
         "action_size": 1,
         "reward_channels": 2,
         "constants": np.array([0.5, 3.0]),
-        "reset": start_anywhere,
-        "step": drift,
+        "reset": reset,
+        "step": step,
         "max_steps": 100,
     }
     with pytest.raises(ValueError, match=message):

@@ -298,27 +298,26 @@ def test_streams_fix_the_starts():
 # Compiled path
 
 
-@numba.njit(
-    types.Tuple((types.int64, types.int64))(
-        function_type(RESET_SIGNATURE),
-        function_type(STEP_SIGNATURE),
-        types.float64[::1],
-        types.uint64[::1],
-        types.float64[:, ::1],
-        types.float64[:, ::1],
-    )
-)
-def rollout(reset, step, constants, words, actions, rewards):
-    state = np.empty(2)
-    reset(constants, words, state)
-    for t in range(len(actions)):
-        event = step(constants, state, actions[t], words, rewards[t])
-        if event != 0:
-            return t + 1, event
-    return len(actions), 0
-
-
 def test_a_compiled_rollout_takes_the_kernels_as_arguments():
+    @numba.njit(
+        types.Tuple((types.int64, types.int64))(
+            function_type(RESET_SIGNATURE),
+            function_type(STEP_SIGNATURE),
+            types.float64[::1],
+            types.uint64[::1],
+            types.float64[:, ::1],
+            types.float64[:, ::1],
+        )
+    )
+    def rollout(reset, step, constants, words, actions, rewards):
+        state = np.empty(2)
+        reset(constants, words, state)
+        for t in range(len(actions)):
+            event = step(constants, state, actions[t], words, rewards[t])
+            if event != 0:
+                return t + 1, event
+        return len(actions), 0
+
     arm = TwoLinkArm(touch_radius=0.2)
     kernels = arm.continuous_kernels()
     actions, rewards = np.random.default_rng(0).normal(size=(400, 2)), np.zeros((400, 3))

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numba
@@ -22,16 +22,19 @@ from rl.estimators.konda_actor_critic import RolloutKonda
 from rl.streams import run_streams
 
 
-@numba.njit(RESET_SIGNATURE)
-def reset(constants, random_state, state):
-    state[0] = uniform(random_state)
+@cache  # not compiled where another worker has the tests that need it
+def reset_and_step() -> tuple[Any, Any]:
+    @numba.njit(RESET_SIGNATURE)
+    def reset(constants, random_state, state):
+        state[0] = uniform(random_state)
 
+    @numba.njit(STEP_SIGNATURE)
+    def step(constants, state, action, random_state, reward):
+        state[0] += constants[0] * action.sum() + 0.1 * (uniform(random_state) - 0.5)
+        reward[0], reward[1] = state[0], action[0] - action[2] ** 2
+        return 1 if state[0] < -1 else 2 if state[0] > 2 else 0
 
-@numba.njit(STEP_SIGNATURE)
-def step(constants, state, action, random_state, reward):
-    state[0] += constants[0] * action.sum() + 0.1 * (uniform(random_state) - 0.5)
-    reward[0], reward[1] = state[0], action[0] - action[2] ** 2
-    return 1 if state[0] < -1 else 2 if state[0] > 2 else 0
+    return reset, step
 
 
 class Drift:
@@ -40,7 +43,7 @@ class Drift:
     reward_channels = 2
 
     def continuous_kernels(self) -> ContinuousKernels:
-        return ContinuousKernels(1, 3, 2, np.array([0.1]), reset, step, 40, ("left", "right"))
+        return ContinuousKernels(1, 3, 2, np.array([0.1]), *reset_and_step(), 40, ("left", "right"))
 
 
 ENVIRONMENTS = {"arm": TwoLinkArm(touch_radius=0.2, max_steps=60), "drift": Drift()}
