@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -167,8 +166,10 @@ def test_a_compiled_action_carries_its_own_score(dimensions: int) -> None:
 
 
 def test_compiled_normals_are_normal_and_pairs_independent() -> None:
+    from scipy.stats import chi2, kstest  # takes a second: here, for one worker only
+
     words = random_state(np.random.SeedSequence(2))
     pairs = np.array([normal_pair(words) for _ in range(50_000)])
-    assert scipy.stats.kstest(pairs.ravel(), "norm").pvalue > 1e-6
-    assert scipy.stats.kstest((pairs**2).sum(axis=1), scipy.stats.chi2(2).cdf).pvalue > 1e-6
+    assert kstest(pairs.ravel(), "norm").pvalue > 1e-6
+    assert kstest((pairs**2).sum(axis=1), chi2(2).cdf).pvalue > 1e-6
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 6 / np.sqrt(50_000)

@@ -26,8 +26,9 @@ OPTIONAL = ("compare.csv", "compare.md", "subproblems.npz")
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     directory = tmp_path_factory.mktemp("small")
-    # In processes of their own, trainings are not slowed by the shape checks of the tests.
-    return reproduce_two_link_arm(SMALL, directory, processes=2), directory
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rl.experiments.two_link_arm_animation._FRAMES", 6)  # of an episode: half of the time is drawing
+        return reproduce_two_link_arm(SMALL, directory, processes=2), directory
 
 
 def rows(directory: Path, name: str = "learning.csv") -> list[dict[str, str]]:
@@ -258,7 +259,8 @@ def test_a_directory_of_an_earlier_run_keeps_only_what_is_not_ours(tmp_path, mon
     assert left == {"learning.csv", "claims.json", "summary.json", "notes.txt"}
 
 
-def test_figures_of_ours_stand_alone_where_nothing_of_the_papers_was_trained(tmp_path):
+def test_figures_of_ours_stand_alone_where_nothing_of_the_papers_was_trained(tmp_path, monkeypatch):
+    monkeypatch.setattr("rl.experiments.two_link_arm_animation._FRAMES", 6)
     results = train_two_link_arm(ArmSettings(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
     draw(results, tmp_path)
     assert {path.name for path in tmp_path.glob("fig7*")} == {"fig7.png", "fig7.svg", "fig7.gif"}
