@@ -38,7 +38,9 @@ class PCPO:
             "check_claims_are_certified": "the ball is slack, or left, where the projection moved the step",
             "check_primal_feasibility": "the projection may leave the ball, where c > 0",
             "check_complementarity": "the projection shortens the step, and κ > 0 stays behind",
+            "check_agreement_with_enumeration": "the trust region's optimum goes on along the constraint to the edge",
             "check_infeasible_is_called_infeasible": "it leaves the ball for the constraint, and calls that optimal",
+            "check_least_violation": "it says OPTIMAL where the ball misses the constraint",
         },
     )
 

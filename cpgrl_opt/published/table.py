@@ -1,37 +1,14 @@
 """The table method × law as Markdown, from the methods' declarations; the tests hold these to what the kit measures."""
 
-from ..problem import DirectionProblem
 from ..testing.laws import LAWS, Law
 from . import PUBLISHED
 from .interface import Declaration, PublishedMethod
 
 HOLDS, BREAKS, SILENT = "✓", "✗", "–"
-# Laws that are about a trust region as much as about a cone; the others are about projections.
-BALL_LAWS = (
-    "check_claims_are_certified",
-    "check_stationarity",
-    "check_primal_feasibility",
-    "check_dual_feasibility",
-    "check_complementarity",
-    "check_feasible_is_not_called_infeasible",
-    "check_infeasible_is_called_infeasible",
-    "check_non_finite_is_refused",
-    "check_input_is_unchanged",
-    "check_answers_repeat",
-    "check_silence",
-)
-_BALL = DirectionProblem([1.0, 2.0], [[1.0, 0.0]], radius=1.0)
-
-
-def takes_balls(method: PublishedMethod) -> bool:
-    """Whether the method's problems are those with a radius."""
-    return method.supports(_BALL)
 
 
 def speaks_about(law: Law, method: PublishedMethod) -> bool:
     """Whether the law says anything about the problems that the method takes."""
-    if takes_balls(method):
-        return law.name in BALL_LAWS
     return bool(law.applies_to(method))
 
 
