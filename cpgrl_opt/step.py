@@ -34,7 +34,7 @@ Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
 DROP_RULES = ("never", "stationary", "always")
 ON_FAILURE = ("fallback", "skip", "raise")
-# PΔ¹ counts as 0 below this part of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
+# PΔ¹ and λᵢ‖Jᵢ‖ count as 0 below this part of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
 _STATIONARY = 1e-10
 
 
@@ -42,7 +42,8 @@ _STATIONARY = 1e-10
 class StepResult:
     """The parameter change and what happened on the way; leading axes as in the linearization.
 
-    change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ.
+    change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ,
+    both up to rounding.
     counts, by name (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
     skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened),
     flat (active constraints whose gradient is 0: to first order no direction changes them, so they are left out).
@@ -207,8 +208,9 @@ class _Run:
         if (any_still or settings.drop == "always") and settings.formulation == "equality":
             if settings.drop != "never":
                 self.drop(constraints, tangent, restoration, multipliers)
-                still, _ = self.vanishes(tangent, constraints)
-            still &= (multipliers >= 0).all(axis=1)
+                still, any_still = self.vanishes(tangent, constraints)
+            if any_still:
+                still &= ~self.harmful(constraints, multipliers)[1].any(axis=1)
         change = settings.step_size * tangent
         if restoration is not None:
             change += settings.restoration_rate * restoration
@@ -298,7 +300,7 @@ class _Run:
         """𝒜 ← 𝒜 without argmax λᵢ, until the rule is content; P and d are built anew, in place. Source: §2.3."""
         active = constraints.active.copy()
         for _ in range(active.shape[1]):
-            largest, positive = self.largest_multiplier(constraints.jacobian, multipliers, active)
+            positive, largest = self.largest_multiplier(replace(constraints, active=active), multipliers)
             if self.settings.drop == "stationary":
                 positive = positive & self.vanishes(tangent, constraints)[0]
             chosen = np.flatnonzero(positive)
@@ -312,15 +314,23 @@ class _Run:
                 restoration[chosen] = again
 
     def largest_multiplier(
-        self, jacobian: np.ndarray, multipliers: np.ndarray, active: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """argmax λᵢ‖Jᵢ‖ over 𝒜, and whether it is positive; λ = −μ."""
-        values = -multipliers
-        if not self.settings.raw_multipliers:
-            values = values * (lengths(jacobian) if self.geometry is None else self.geometry.gradient_lengths(jacobian))
-        values = np.where(active, values, -np.inf)
+        self, constraints: ActiveConstraints, multipliers: np.ndarray
+    ) -> tuple[Bool[np.ndarray, "B"], Int[np.ndarray, "B"]]:
+        """Whether a run has a positive λᵢ‖Jᵢ‖ in 𝒜, and which of them is the largest; or the largest λᵢ of them."""
+        harm, positive = self.harmful(constraints, multipliers)
+        values = np.where(positive, -multipliers if self.settings.raw_multipliers else harm, -np.inf)
         largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
-        return largest, values.max(axis=1, initial=-np.inf) > 0
+        return np.asarray(positive.any(axis=1)), largest
+
+    def harmful(
+        self, constraints: ActiveConstraints, multipliers: np.ndarray
+    ) -> tuple[Float[np.ndarray, "B m"], Bool[np.ndarray, "B m"]]:
+        """λᵢ‖Jᵢ‖/‖Δ¹‖, λ = −μ, and where in 𝒜 it is positive beyond rounding; nowhere where Δ¹ = 0."""
+        of = lengths if self.geometry is None else self.geometry.gradient_lengths
+        size = of(constraints.gradients[:, 0])
+        unit = np.where(size > 0, size, 1.0)[:, None]
+        harm = -multipliers * (of(constraints.jacobian) / unit)
+        return harm, constraints.active & (harm > _STATIONARY) & (size > 0)[:, None]
 
     def vanishes(self, tangent: np.ndarray, constraints: ActiveConstraints) -> tuple[np.ndarray, bool]:
         """PΔ¹ = 0, up to rounding: by run, and whether in any."""

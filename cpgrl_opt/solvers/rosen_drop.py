@@ -20,6 +20,9 @@ from .polishing import project_onto_face
 from .preparation import candidate_of, failure, judged, screen
 from .reduction import ScaledProblem, scale_problem
 
+# λᵢ‖Jᵢ‖ counts as 0 below this part of ‖g‖, or below the tolerance: far above rounding, as in a step.
+_NEGLIGIBLE = 1e-10
+
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +60,10 @@ class RosenDrop(LoopsOverBatches):
         active = np.ones(len(scaled.bound), dtype=np.bool_)
         while True:
             d, multipliers = project_onto_face(scaled, active, nonnegative=False)
-            harm = -multipliers  # λᵢ‖Jᵢ‖
+            harm = -multipliers  # λᵢ‖Jᵢ‖/‖g‖
+            positive = ~scaled.equality & (harm > min(_NEGLIGIBLE, self.tolerance))
+            if not positive.any():
+                return d, multipliers, int((~active).sum())
             if self.raw_multipliers:
                 harm = -scaled.original_multipliers(multipliers)[scaled.kept]
-            harm[scaled.equality] = 0.0
-            if not (harm > 0.0).any():
-                return d, multipliers, int((~active).sum())
-            active[int(harm.argmax())] = False
+            active[int(np.where(positive, harm, -np.inf).argmax())] = False

@@ -1,0 +1,47 @@
+"""The drop rule obeys multipliers and not their rounding: λᵢ‖Jᵢ‖ counts as 0 below a part of ‖Δ¹‖, as PΔ¹ does."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep, DirectionProblem, Linearization, Status
+from cpgrl_opt.solvers import RosenDrop
+
+GEOMETRIES = [{}, {"metric": [2.0, 0.5, 1.0, 3.0]}, {"ridge": 1e-300}]
+
+
+def opposed(seed: int) -> Linearization:
+    """Two constraints violated by 1, and Δ¹ = −Δ²: the optimum on their face, λ = (−1, 0)."""
+    rows = np.random.default_rng(seed).standard_normal((2, 4))
+    return Linearization([0.0, -1.0, -1.0], [-rows[0], *rows])
+
+
+@pytest.mark.parametrize("drop", ["stationary", "always"])
+@pytest.mark.parametrize("settings", GEOMETRIES)
+@pytest.mark.parametrize("raw", [False, True])
+def test_a_multiplier_of_rounding_size_drops_no_constraint(drop, settings, raw):
+    step = ConstrainedStep(step_size=1.0, restoration_rate=1.0, drop=drop, raw_multipliers=raw, **settings)
+    for seed in range(12):
+        linearization = opposed(seed)
+        result = step(linearization, [0.0, 0.0])
+        assert (result.counts["dropped"], bool(result.stationary)) == (0, True)
+        np.testing.assert_allclose(linearization.jacobian @ result.change, [1.0, 1.0], rtol=1e-9)
+
+
+def test_an_optimum_is_stationary_though_its_multipliers_round_to_either_sign():
+    for seed in range(12):
+        assert ConstrainedStep(drop="never")(opposed(seed), [0.0, 0.0]).stationary
+
+
+def test_what_is_a_hundred_times_rounding_still_drops():
+    """λ₂‖J₂‖ = 1e-8 ‖Δ¹‖, positive."""
+    climbing = Linearization([0.0, -1.0, -1.0], [[-1.0, 1e-8], [1.0, 0.0], [0.0, 1.0]])
+    result = ConstrainedStep()(climbing, [0.0, 0.0])
+    assert (result.counts["dropped"], bool(result.stationary)) == (1, False)
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_rosens_drop_rule_does_not_obey_rounding_either(raw):
+    for seed in range(12):
+        rows = np.random.default_rng(seed).standard_normal((2, 4))
+        answer = RosenDrop(raw_multipliers=raw).solve(DirectionProblem(-rows[0], rows))
+        assert (answer.status, answer.iterations) == (Status.OPTIMAL, 0)
