@@ -30,12 +30,22 @@ def test_version_is_the_packages():
     assert result.stdout == f"cpgrl {version('cpgrl-opt')}\n"
 
 
-def test_solvers_lists_every_solver_with_its_guarantee():
-    result = cpgrl("solvers")
+def test_solvers_lists_every_solver_with_what_it_takes_and_guarantees(monkeypatch):
+    """The whole table, in the order of the registry, on a machine that has all packages but the one of highs."""
+    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != SOLVERS["highs"].package)
+    result = CliRunner().invoke(app, ["solvers"], env={"COLUMNS": "300"})
     assert result.exit_code == 0
-    for name, solver in SOLVERS.items():
-        assert name in result.stdout
-        assert solver.guarantee.split()[0] in result.stdout
+    header, *rows = [
+        [cell.strip() for cell in line.strip("┃│").replace("┃", "│").split("│")]
+        for line in result.stdout.splitlines()
+        if line[0] in "┃│"
+    ]
+    takes = {"rosen": "equality", "rosen-drop": "equality, cone"}
+    assert header == ["solver", "installed", "formulations", "guarantee", "source"]
+    assert len(rows) == len(SOLVERS)
+    for row, (name, solver) in zip(rows, SOLVERS.items(), strict=True):
+        installed, cases = "no" if name == "highs" else "yes", takes.get(name, "equality, cone, restoring")
+        assert row == [name, installed, cases, solver.guarantee, solver.source]
 
 
 @pytest.fixture(scope="module")
