@@ -121,6 +121,27 @@ def test_slack_never_pushes_towards_the_boundary():
         assert step(linearization, [0.0]).change[1] >= 0.0
 
 
+def test_a_margin_activates_constraints_up_to_it_and_a_negative_one_is_refused():
+    slack = np.array([[-0.1, 0.0, 0.05], [0.1, 0.15, 1.0]])
+    assert violated(slack).tolist() == [[True, True, False], [False, False, False]]
+    assert violated(slack, margin=0.1).tolist() == [[True, True, True], [True, False, False]]
+    with pytest.raises(ValueError, match=r"margin should be a number ≥ 0; found -0\.1"):
+        violated(slack, margin=-0.1)
+
+
+def test_a_step_with_a_margin_keeps_level_what_a_step_without_one_lets_fall():
+    """g = (−1, 1) would lower what the constraint, met by 0.5, holds: its row is (1, 0)."""
+    linearization = Linearization([0.0, 0.5], [[-1.0, 1.0], [1.0, 0.0]])
+    for formulation in FORMULATION_NAMES:
+        falls, stays = (
+            plain(formulation=formulation, rule=partial(violated, margin=margin))(linearization, [0.0])
+            for margin in (0.4, 0.6)
+        )
+        assert falls.change[0] < -1e-3
+        assert abs(stays.change[0]) < 1e-12
+        assert stays.change[1] > 1e-3
+
+
 def test_hysteresis_keeps_a_constraint_until_it_has_left_its_band():
     rule = partial(hysteresis, enter=0.0, leave=0.1)
     active = rule(np.array([-0.1, 0.05, 0.05]), None)
