@@ -9,7 +9,7 @@ With unit rows Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖, μ̂ᵢ = μ�
 
 In a metric M = LLᵀ all of it is measured where M = I: on Lᵀd, L⁻¹g and JL⁻ᵀ, with the same μ. Lengths of directions
 are then √(dᵀMd), those of gradients and rows √(gᵀM⁻¹g), whatever L and whatever the units of single parameters, and
-stationarity is Md − g − Jᵀμ.
+stationarity is Md − g − Jᵀμ, formed with M itself and only then measured by L⁻¹ (see `exact_terms`).
 
 In a ball of the given radius g is no direction: its length says nothing about d's, and there are two units. Forces (g,
 μ̂ᵢ, κ‖d‖) are measured by γ = ‖g‖ (the largest force where g = 0), lengths (d, b̂ᵢ, radius) by λ, the larger of ‖d‖ and
@@ -33,7 +33,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from .arrays import Mask, Multipliers, Vector
+from .exact_terms import exact_terms
 from .problem import DirectionProblem, euclidean, lengths, unit_rows
+from .units import in_units
 from .validation import real_values, require_shape
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -81,7 +83,8 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
     if problem.metric is not None or problem.radius is not None:
-        return _residuals_in_geometry(problem, d, mu, float(getattr(direction, "radius_multiplier", 0.0)))
+        kappa = 0.0 if problem.radius is None else float(getattr(direction, "radius_multiplier", 0.0))
+        return _residuals_in_geometry(problem, d, mu, kappa)
     return _euclidean_residuals(problem, d, mu)
 
 
@@ -123,17 +126,47 @@ def _relative_residuals(
 
 
 def _residuals_in_geometry(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> KKTResiduals:
-    """In the coordinates where M = I."""
-    flat = euclidean(problem)
-    with np.errstate(over="ignore", invalid="ignore"):
-        d = d if problem.whitening is None else problem.whitening.direction(d)
-    if not (np.isfinite(flat.gradient).all() and np.isfinite(flat.jacobian).all()):
-        return _HOPELESS
-    if problem.radius is None:
-        return _euclidean_residuals(flat, d, mu)
+    """In the coordinates where M = I, and in units that neither over- nor underflow there."""
     if not (np.isfinite(d).all() and np.isfinite(mu).all() and np.isfinite(kappa)):
         return _HOPELESS
+    if problem.metric is not None:
+        units = in_units(problem, d)
+        problem, d, mu, kappa = units.problem, *units.inside(d, mu, kappa)
+        if not (np.isfinite(d).all() and np.isfinite(mu).all() and np.isfinite(kappa)):
+            return _HOPELESS
+        if problem.metric is not None and problem.metric.ndim == 2:
+            return _residuals_in_full_metric(problem, d, mu, kappa)
+        d = d if problem.whitening is None else problem.whitening.direction(d)
+    flat = euclidean(problem)
+    if problem.radius is None:
+        return _euclidean_residuals(flat, d, mu)
     return _residuals_in_ball(flat, d, (mu, kappa), problem.radius)
+
+
+def _residuals_in_full_metric(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> KKTResiduals:
+    """With M itself: what LLᵀ ≠ M of a rounded factor makes wrong is seen."""
+    in_ball, inequality = problem.radius is not None, ~problem.equality
+    exact = exact_terms(problem, d, mu, kappa if in_ball else 1.0)
+    unit = gamma = max(exact.strength, exact.length)
+    room, force = np.inf, 0.0
+    if unit == 0.0:  # g = d = 0
+        return _euclidean_residuals(euclidean(problem), d, mu)
+    if problem.radius is not None:
+        bound = exact.rows.per_length(problem.bound)
+        named = np.abs(bound[(bound != 0) & np.isfinite(bound)])
+        unit = max(exact.length, float(named.min(initial=problem.radius)))
+        gamma = exact.strength or max(_largest(np.abs(exact.rows.times_length(mu))), abs(kappa) * unit) or 1.0
+        room, force = (problem.radius - exact.length) / unit, kappa / gamma * unit
+    mu, slack = exact.rows.times_length(mu, gamma), exact.slack / unit
+    if not (np.isfinite(mu).all() and np.isfinite(exact.residual) and np.isfinite(force)):
+        return _HOPELESS
+    allowance = min(8 * _EPS * (float(np.abs(mu).sum()) + abs(force)), 1e-5)
+    return KKTResiduals(
+        stationarity=max(exact.residual / gamma - allowance, 0.0),
+        primal=max(_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))), -room, 0.0),
+        dual=max(_largest(np.maximum(-mu[inequality], 0.0)), -force, 0.0),
+        complementarity=max(_largest(np.abs(np.minimum(mu, slack))[inequality]), abs(min(force, room))),
+    )
 
 
 def _residuals_in_ball(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import ArrayLike, Float
+from .arrays import ArrayLike, Float, Int
 from .validation import finite_array, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
@@ -75,6 +75,11 @@ def validated_metric(metric: ArrayLike, n: int) -> tuple[Metric, Whitening]:
     if axes == 1:
         return M, Whitening(np.sqrt(M))
     return _factorized(M)
+
+
+def balancing_exponents(diagonal: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
+    """e with ¼ ≤ 4^eⱼ Mⱼⱼ < 1: units of the parameters that round nothing."""
+    return np.asarray(-((np.frexp(diagonal)[1].astype(np.int64) + 1) // 2))
 
 
 def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:

@@ -1,0 +1,79 @@
+"""Sums of products as if in twice the precision: hi + lo with hi the rounded sum and lo what rounding left of it.
+
+    a·b = p + e  exactly,   p = fl(a·b)         (Dekker's product, by splitting each factor into two halves)
+    a + b = s + e  exactly, s = fl(a + b)       (Knuth's sum)
+
+so Σ aᵢbᵢ is found to eps |Σ aᵢbᵢ| + n·eps² Σ|aᵢbᵢ|, whatever cancels. Factors beyond 2^±480 lose that.
+Source: Ogita, Rump & Oishi 2005, Accurate sum and dot product, Algorithms 3.1, 3.3 and 5.3.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Float
+
+_HALVES = 134217729.0  # 2²⁷ + 1
+
+
+class Pair(NamedTuple):
+    """hi + lo, with |lo| about eps |hi|; arrays of one shape."""
+
+    hi: Float[np.ndarray, "*k"]
+    lo: Float[np.ndarray, "*k"]
+
+    def plus(self, other: "Pair") -> "Pair":
+        """The sum of both."""
+        total, error = two_sum(self.hi, other.hi)
+        return _normalised(total, error + (self.lo + other.lo))
+
+    def times(self, factor: float | Float[np.ndarray, "*k"]) -> "Pair":
+        """Each entry times the factor's."""
+        product, error = two_product(self.hi, factor)
+        return _normalised(product, error + self.lo * factor)
+
+    def rounded(self) -> Float[np.ndarray, "*k"]:
+        """hi + lo."""
+        return np.asarray(self.hi + self.lo)
+
+
+def two_sum(
+    a: Float[np.ndarray, "*k"], b: Float[np.ndarray, "*k"]
+) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
+    """(s, e) with a + b = s + e exactly."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+def two_product(
+    a: Float[np.ndarray, "*k"], b: float | Float[np.ndarray, "*k"]
+) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
+    """(p, e) with ab = p + e exactly."""
+    product = a * b
+    first, second = _high_half(a), _high_half(b)
+    a_rest, b_rest = a - first, b - second
+    return product, a_rest * b_rest - (((product - first * second) - a_rest * second) - first * b_rest)
+
+
+def products(rows: Float[np.ndarray, "k n"], vector: Float[np.ndarray, "n"]) -> Pair:
+    """Each row times the vector, (k,); summed in pairs."""
+    hi, lo = two_product(rows, vector)
+    while hi.shape[1] > 1:
+        half, is_odd = hi.shape[1] // 2, hi.shape[1] % 2
+        rest_hi, rest_lo = hi[:, 2 * half :], lo[:, 2 * half :]
+        total, error = two_sum(hi[:, :half], hi[:, half : 2 * half])
+        error += lo[:, :half] + lo[:, half : 2 * half]
+        hi = np.concatenate([total, rest_hi], axis=1) if is_odd else total
+        lo = np.concatenate([error, rest_lo], axis=1) if is_odd else error
+    return _normalised(hi[:, 0], lo[:, 0])
+
+
+def _high_half(a: float | Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+    scaled = _HALVES * np.asarray(a)
+    return np.asarray(scaled - (scaled - a))
+
+
+def _normalised(hi: Float[np.ndarray, "*k"], lo: Float[np.ndarray, "*k"]) -> Pair:
+    total = hi + lo
+    return Pair(total, lo - (total - hi))
