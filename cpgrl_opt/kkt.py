@@ -7,6 +7,10 @@ With unit rows Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖, μ̂ᵢ = μ�
     complementarity  max |min(μ̂ᵢ, Ĵᵢd − b̂ᵢ)| / σ  on I
     stationarity     (‖d − g − Jᵀμ‖ − min(8·eps·Σ|μ̂ᵢ|, 1e-5·σ))₊ / σ
 
+The allowance is for what μ itself, and the sum of such products, lose in float64. Where it reaches 1e-5·σ, with
+multipliers of 5e9·σ that all but cancel, the sum is formed in rational arithmetic: what rounding leaves of it could
+stand for any direction. With g = d = 0 there is no σ: primal is then infinite or 0, and the others are 0.
+
 In a metric M = LLᵀ all of it is measured where M = I: on Lᵀd, L⁻¹g and JL⁻ᵀ, with the same μ. Lengths of directions
 are then √(dᵀMd), those of gradients and rows √(gᵀM⁻¹g), whatever L and whatever the units of single parameters, and
 stationarity is Md − g − Jᵀμ, formed with M itself and only then measured by L⁻¹ (see `exact_terms`).
@@ -27,7 +31,9 @@ convex. With one they are sufficient too, the problem being convex; but which of
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -41,6 +47,7 @@ from .validation import real_values, require_shape
 _EPS = float(np.finfo(np.float64).eps)
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
 _ROUNDED_GAIN = 8 * _EPS
+_ALLOWED = 1e-5  # most that rounding of μ is allowed of the stationarity, in its unit
 
 
 @runtime_checkable
@@ -88,8 +95,8 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     return _euclidean_residuals(problem, d, mu)
 
 
-def _euclidean_residuals(problem: DirectionProblem, d: Vector, mu: Multipliers) -> KKTResiduals:
-    if not (np.isfinite(d).all() and np.isfinite(mu).all()):
+def _euclidean_residuals(problem: DirectionProblem, d: Vector, multipliers: Multipliers) -> KKTResiduals:
+    if not (np.isfinite(d).all() and np.isfinite(multipliers).all()):
         return _HOPELESS
     # The largest entry first: σ itself may overflow.
     unit = max(_largest(np.abs(problem.gradient)), _largest(np.abs(d)))
@@ -99,10 +106,16 @@ def _euclidean_residuals(problem: DirectionProblem, d: Vector, mu: Multipliers) 
         violated = np.where(problem.equality, bound != 0, bound > 0).any()
         return KKTResiduals(0.0, np.inf if violated else 0.0, 0.0, 0.0)
     with np.errstate(over="ignore"):
-        bound, mu = bound / unit, rows.times_length(mu, unit)
+        bound, mu = bound / unit, rows.times_length(multipliers, unit)
     if not np.isfinite(mu).all():  # overflows in units of σ
         return _HOPELESS
-    return _relative_residuals(problem, rows.jacobian, (bound, mu), (d / unit, problem.gradient / unit))
+    return _relative_residuals(
+        problem,
+        rows.jacobian,
+        (bound, mu),
+        (d / unit, problem.gradient / unit),
+        lambda: _rest_in_rationals(problem, d, multipliers, 1.0, unit),
+    )
 
 
 def _relative_residuals(
@@ -110,15 +123,17 @@ def _relative_residuals(
     jacobian: np.ndarray,
     bound_and_multipliers: tuple[Multipliers, Multipliers],
     d_and_gradient: tuple[Vector, Vector],
+    in_rationals: Callable[[], float],
 ) -> KKTResiduals:
     sigma = max(_norm(each) for each in d_and_gradient)
     d, g = (each / sigma for each in d_and_gradient)
     bound, mu = (each / sigma for each in bound_and_multipliers)
     slack = jacobian @ d - bound
     inequality = ~problem.equality
-    allowance = min(8 * _EPS * float(np.abs(mu).sum()), 1e-5)
+    rounding = 8 * _EPS * _total(mu)
+    rest = _norm(d - g - mu @ jacobian) if rounding < _ALLOWED else in_rationals() / sigma
     return KKTResiduals(
-        stationarity=max(_norm(d - g - mu @ jacobian) - allowance, 0.0),
+        stationarity=max(rest - min(rounding, _ALLOWED), 0.0),
         primal=_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))),
         dual=_largest(np.maximum(-mu[inequality], 0.0)),
         complementarity=_largest(np.abs(np.minimum(mu, slack))[inequality]),
@@ -180,18 +195,35 @@ def _residuals_in_ball(
         mu, kappa = rows.times_length(forces[0]), forces[1] * unit
         gamma = _norm(problem.gradient) or max(_largest(np.abs(mu)), abs(kappa)) or 1.0
         mu, kappa = rows.times_length(forces[0], gamma), forces[1] / gamma * unit
-        d, bound, g = d / unit, bound / unit, problem.gradient / gamma
+        direction, d, bound, g = d, d / unit, bound / unit, problem.gradient / gamma
         slack, room = rows.jacobian @ d - bound, radius / unit - _norm(d)
     if not (np.isfinite(mu).all() and np.isfinite(kappa) and np.isfinite(g).all() and np.isfinite(d).all()):
         return _HOPELESS
     inequality = ~problem.equality
-    allowance = min(8 * _EPS * (float(np.abs(mu).sum()) + abs(kappa)), 1e-5)
+    rounding = 8 * _EPS * (_total(mu) + abs(kappa))
+    if rounding < _ALLOWED:
+        rest = _norm(kappa * d - g - mu @ rows.jacobian)
+    else:
+        rest = _rest_in_rationals(problem, direction, forces[0], forces[1], gamma)
     return KKTResiduals(
-        stationarity=max(_norm(kappa * d - g - mu @ rows.jacobian) - allowance, 0.0),
+        stationarity=max(rest - min(rounding, _ALLOWED), 0.0),
         primal=max(_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))), -room, 0.0),
         dual=max(_largest(np.maximum(-mu[inequality], 0.0)), -kappa, 0.0),
         complementarity=max(_largest(np.abs(np.minimum(mu, slack))[inequality]), abs(min(kappa, room))),
     )
+
+
+def _rest_in_rationals(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, unit: float) -> float:
+    """‖κd − g − Jᵀμ‖ / unit without rounding until the end; for the few answers with multipliers beyond all measure."""
+    forces = [Fraction(each) for each in mu]
+    rest = []
+    for j in range(problem.n):
+        pulled = sum(force * Fraction(row[j]) for force, row in zip(forces, problem.jacobian, strict=True))
+        rest.append((Fraction(kappa) * Fraction(d[j]) - Fraction(problem.gradient[j]) - pulled) / Fraction(unit))
+    largest = max(map(abs, rest))
+    if largest >= 2**1000:
+        return math.inf
+    return _norm(np.array([float(each) for each in rest]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,6 +344,11 @@ def _norm(vector: np.ndarray) -> float:
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         square = float(vector @ vector)
     return math.sqrt(square) if 1e-280 < square < 1e280 else float(lengths(vector))
+
+
+def _total(values: np.ndarray) -> float:
+    with np.errstate(over="ignore"):
+        return float(np.abs(values).sum())
 
 
 def _largest(values: np.ndarray) -> float:

@@ -3,9 +3,10 @@
 Importing this module imports numba. Arrays are C-contiguous; every output is passed in.
 """
 
+from functools import partial
 from typing import Any
 
-from numba import njit
+from .machine_code import compiled
 
 _MATRIX, _CUBE, _MASK = "float64[:, ::1]", "float64[:, :, ::1]", "boolean[:, ::1]"
 
@@ -14,7 +15,7 @@ _LARGE = 2.0**400  # rows between 1/_LARGE and _LARGE can be divided by their sq
 
 
 def _kernel(*signature: str, returns: str = "void") -> Any:
-    return njit(f"{returns}({', '.join(signature)})", cache=True, error_model="numpy")
+    return partial(compiled, f"{returns}({', '.join(signature)})")
 
 
 @_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="UniTuple(boolean, 2)")

@@ -3,14 +3,17 @@
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem
 from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.machine_code import compiled
 from cpgrl_opt.solvers.compiled._direct import project_directly
-from cpgrl_opt.solvers.compiled._entry_point import INTERPRETED_WORK, EntryPoint, entry_point
+from cpgrl_opt.solvers.compiled._entry_point import EntryPoint, entry_point, work
 from cpgrl_opt.solvers.compiled._projection import project_stacked
 
 SMALL = [name for name, family in FAMILIES.items() if family.problem(0, 0).n <= 100]
@@ -30,6 +33,7 @@ def answers(problems: Sequence[DirectionProblem], interpreted_calls: int, monkey
     for kernel in (project_directly, project_stacked):
         _ = kernel.machine_code  # loading it turns the interpreter off
         monkeypatch.setattr(kernel, "calls_to_interpret", interpreted_calls)
+        monkeypatch.setattr(kernel, "work_to_interpret", 10**12)
     return [bits(SOLVERS[name].solve(problem)) for problem in problems for name in ("active-set", "rosen")]
 
 
@@ -56,19 +60,36 @@ assert "numba" not in sys.modules
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def counting(form: list[str], name: str) -> Callable[..., None]:
-    return lambda *arguments: form.append(name)
+def counting(form: list[str], name: str) -> Callable[[np.ndarray], None]:
+    return lambda _rows: form.append(name)
 
 
 def test_after_some_calls_and_for_large_problems_machine_code_takes_over() -> None:
-    form: list[str] = []
-    small, large = np.zeros((2, 3)), np.zeros((100, 1 + INTERPRETED_WORK // 10_000))
-    for calls in ([small, small, small], [large, small]):
-        kernel: EntryPoint = entry_point("void(f8[:, ::1])", interpreted_calls=2)(counting(form, "interpreted"))
+    small, large = np.zeros((2, 3)), np.zeros((20, 30))
+    for calls, expected in (
+        ([small, small, small], ["interpreted", "interpreted", "compiled"]),
+        ([large, small], ["compiled", "interpreted"]),
+        ([small, large, small], ["interpreted", "compiled", "interpreted"]),
+    ):
+        form: list[str] = []
+        decorate = entry_point("void(f8[:, ::1])", interpreted=(2, 2 * work((small,))))
+        kernel: EntryPoint = decorate(counting(form, "interpreted"))
         kernel.__dict__["machine_code"] = counting(form, "compiled")
         for rows in calls:
             kernel(rows)
-    assert form == ["interpreted", "interpreted", "compiled", "compiled", "interpreted"]
+        assert form == expected
+
+
+def test_without_a_folder_for_the_cache_kernels_are_compiled_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("numba.core.caching.FunctionCache._impl_class._locator_classes", [])
+    source = tmp_path / "doubled.py"
+    source.write_text("def doubled(x):\n    return 2.0 * x\n")
+    namespace: dict[str, Any] = {}
+    exec(compile(source.read_text(), str(source), "exec"), namespace)
+    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
+        assert compiled("f8(f8)", namespace["doubled"])(2.0) == 4.0
 
 
 def test_machine_code_once_loaded_is_used() -> None:

@@ -107,3 +107,26 @@ def test_only_optimal_passes_and_every_status_advises(status):
         with pytest.raises(RuntimeError, match=status.name):
             direction.raise_for_status()
     assert len(status.advice) > 20
+
+
+@pytest.mark.parametrize("radius", [None, 5.0])
+@pytest.mark.parametrize("equality", [True, False])
+def test_multipliers_that_cancel_to_rounding_certify_nothing(equality: bool, radius: float | None) -> None:
+    sign = 1.0 if equality else -1.0
+    rows = np.array([[0.6, 0.8], [sign * 0.6, sign * 0.8]])
+    problem = DirectionProblem([-0.6, 1.2], rows, 0.0, equality, radius=radius)
+    wrong, right = np.array([-1.6, 1.2]), np.array([-0.96, 0.72])
+    kappa = 0.0 if radius is None else 1.0
+    for size in (1e11, 7.35e15, 1e200, 1.7e308):
+        for shift in (0.0, 1.0, -1.0, 2.0):
+            mu = np.array([size + shift, -sign * size])
+            assert kkt_residuals(problem, answer(wrong, mu, kappa)).worst > 0.1
+    exact = np.array([0.0, -sign * 0.6])
+    if radius is None:
+        assert kkt_residuals(problem, answer(right, exact, kappa)).worst < 1e-15
+        large = answer(right, exact + 2.0**40 * np.array([1.0, -sign]), kappa)  # exact, and large
+        assert kkt_residuals(problem, large).worst < 1e-4
+
+
+def answer(value: np.ndarray, multipliers: np.ndarray, radius_multiplier: float) -> Direction:
+    return Direction(value, multipliers, Status.OPTIMAL, radius_multiplier=radius_multiplier)

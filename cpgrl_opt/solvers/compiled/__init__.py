@@ -11,8 +11,9 @@ overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them):
         multipliers_out (B, m), status_out (B,) int64, iterations_out (B,) int64)
     solve_tangent, solve_tangent_batch: the same arguments; UNSUPPORTED if an inequality is on (bound > −inf)
 
-Statuses are the integers of `cpgrl_opt.Status`. A process's first few hundred problems are interpreted, batches and
-all later ones compiled, to the same bits; compiled kernels are cached on disk. How a problem is solved, by file:
+Statuses are the integers of `cpgrl_opt.Status`. A process's first sixteen problems are interpreted if they are small,
+batches and all later ones compiled, to the same bits; compiled kernels are cached on disk. How a problem is solved, by
+file:
 
     _entry_point        one source in two forms, interpreted and compiled
     _direct             rows well apart: one short pass by the Gram matrix; what it does not finish goes on to

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-INTERPRETED_WORK = 50_000  # of a call, in what `work` counts; the interpreter takes 1 to 2 µs for each
+from ...machine_code import compiled
 
 _KERNELS: set[Any] = set()
 
@@ -44,23 +44,22 @@ def _twin(function: FunctionType) -> FunctionType:
 class EntryPoint:
     """A kernel to be called from Python; it fills its last arguments in, and raises for no number in the others."""
 
-    def __init__(self, function: FunctionType, signature: str, calls_to_interpret: int) -> None:
+    def __init__(self, function: FunctionType, signature: str, calls: int, work: int) -> None:
         self.function = function
         self.signature = signature
-        self.calls_to_interpret = calls_to_interpret
+        self.calls_to_interpret, self.work_to_interpret = calls, work
 
     @cached_property
     def machine_code(self) -> Any:
         """Compiled for the signature, or loaded from numba's disk cache; all calls go there from then on."""
-        from numba import njit
-
         self.calls_to_interpret = 0
-        return njit(self.signature, cache=True, error_model="numpy", no_cfunc_wrapper=True)(_twin(self.function))
+        return compiled(self.signature, _twin(self.function), no_cfunc_wrapper=True)
 
     def __call__(self, *arguments: Any) -> None:
         """In the form that suits the work so far."""
-        if self.calls_to_interpret > 0 and work(arguments) <= INTERPRETED_WORK:
+        if self.calls_to_interpret > 0 and (more := work(arguments)) <= self.work_to_interpret:
             self.calls_to_interpret -= 1
+            self.work_to_interpret -= more
             with np.errstate(all="ignore"):  # numba knows no warnings
                 self.function(*arguments)
             return
@@ -68,11 +67,14 @@ class EntryPoint:
 
 
 def work(arguments: tuple[Any, ...]) -> int:
-    """50 + (m + 1)²n, as inner products of rows and the gradient take; J is the only matrix."""
+    """50 + (m + 1) n (min(m, n) + 1), as an orthonormal basis of the rows takes; J is the only matrix."""
     [(m, n)] = (np.shape(array) for array in arguments if np.ndim(array) == 2)
-    return 50 + int((m + 1) ** 2 * n)
+    return 50 + int((m + 1) * n * (min(m, n) + 1))
 
 
-def entry_point(signature: str, *, interpreted_calls: int) -> Callable[[Any], EntryPoint]:
-    """Decorates the kernel that Python calls: numba's signature of it, how many calls are interpreted at first."""
-    return lambda function: EntryPoint(function, signature, interpreted_calls)
+def entry_point(signature: str, *, interpreted: tuple[int, int]) -> Callable[[Any], EntryPoint]:
+    """Decorates the kernel that Python calls: numba's signature of it, and what is interpreted at first.
+
+    interpreted: the most calls, and the most `work` of them together.
+    """
+    return lambda function: EntryPoint(function, signature, *interpreted)
