@@ -121,6 +121,9 @@ def test_multipliers_that_cancel_to_rounding_certify_nothing(equality: bool, rad
         for shift in (0.0, 1.0, -1.0, 2.0):
             mu = np.array([size + shift, -sign * size])
             assert kkt_residuals(problem, answer(wrong, mu, kappa)).worst > 0.1
+    lucky = DirectionProblem([-0.6000000000000001, 1.1999999999999997], rows, 0.0, equality, radius=radius)
+    mu = np.array([7352240127454189.0, -sign * 7352240127454191.0])  # found by search: rounding stood for the rest
+    assert kkt_residuals(lucky, answer(wrong, mu, kappa)).worst > 0.1
     exact = np.array([0.0, -sign * 0.6])
     if radius is None:
         assert kkt_residuals(problem, answer(right, exact, kappa)).worst < 1e-15
