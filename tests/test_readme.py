@@ -13,8 +13,8 @@ from rl.experiments.solver_cases import cases
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-# Arguments of the `cpgrl` that is installed by the test command.
-CPGRL = [line.split() for line in re.findall(r"^\.venv-test/bin/cpgrl (.*)$", README, flags=re.MULTILINE)]
+# Arguments of the `cpgrl` that the README installs.
+CPGRL = [line.split() for line in re.findall(r"^\.venv/bin/cpgrl (.*)$", README, flags=re.MULTILINE)]
 CHECKS = [arguments for arguments in CPGRL if arguments[0] == "check"]
 
 
