@@ -8,6 +8,7 @@ from typing import overload
 import numpy as np
 
 from .arrays import Bool, Float, Int, Multipliers, Vector
+from .validation import real_values, require_shape
 
 
 class Status(IntEnum):
@@ -104,7 +105,8 @@ class DirectionBatch(Sequence[Direction]):
 
     def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
         """A batch with `others`, in order, where the mask is True."""
-        parts = [array.copy() for array in (self.value, self.multipliers, self.status, self.iterations)]
+        own = self.owned()
+        parts = [own.value, own.multipliers, own.status, own.iterations]
         fresh = (others.value, others.multipliers, others.status, others.iterations)
         for part, replacement in zip(parts, fresh, strict=True):
             part[mask] = replacement
@@ -114,6 +116,29 @@ class DirectionBatch(Sequence[Direction]):
         kappa = np.zeros(len(self)) if self.radius_multiplier is None else self.radius_multiplier.copy()
         kappa[mask] = 0.0 if others.radius_multiplier is None else others.radius_multiplier
         return DirectionBatch(value, multipliers, status, iterations, kappa)
+
+    def owned(self) -> "DirectionBatch":
+        """A copy in writeable C-contiguous float64 and int64: what a solver hands out may be none of that.
+
+        Raises ValueError for arrays that do not fit together or hold no real numbers.
+        """
+        value, multipliers = (
+            np.array(real_values(f"{name} of the answers", array), order="C")
+            for name, array in (("value", self.value), ("multipliers", self.multipliers))
+        )
+        status, iterations = (np.array(array, dtype=np.int64) for array in (self.status, self.iterations))
+        for name, array, axes in (("value", value, 2), ("multipliers", multipliers, 2), ("status", status, 1)):
+            if array.ndim != axes:
+                raise ValueError(f"{name} of the answers should have {axes} axes; found shape {array.shape}")
+            require_shape(f"{name} of the answers", array, (len(status), *array.shape[1:]))
+        kappa = self.radius_multiplier
+        return DirectionBatch(
+            value,
+            multipliers,
+            status,
+            iterations,
+            None if kappa is None else np.array(real_values("radius_multiplier of the answers", kappa)),
+        )
 
     def __len__(self) -> int:
         return len(self.value)

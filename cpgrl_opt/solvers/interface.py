@@ -1,7 +1,6 @@
 """What a direction solver is, and how to ask one that declares little."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -34,16 +33,17 @@ def refereed(
 ) -> DirectionBatch:
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
 
-    INFEASIBLE stands where the multipliers prove it to √tolerance and, unless there is a radius, the direction violates
+    They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and, unless there is a radius, the direction violates
     least to (1 + m) tolerance: what the conformance kit asks for, but that it be the nearest of them to the gradient.
     """
-    status = answers.status.copy()
+    answers = answers.owned()
+    status = answers.status
     for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
         if answer.status == Status.OPTIMAL and not kkt_residuals(problem, answer).worst <= tolerance:
             status[k] = Status.UNCERTIFIED
         if answer.status == Status.INFEASIBLE and not _is_infeasible(problem, answer, tolerance):
             status[k] = Status.UNCERTIFIED
-    return replace(answers, status=status)
+    return answers
 
 
 def _is_infeasible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:

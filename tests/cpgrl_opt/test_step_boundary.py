@@ -1,14 +1,25 @@
 """What a step makes of foreign solvers, of arrays as other libraries hand them out, and of numbers at the limits."""
 
 import copy
+import dataclasses
 import pickle
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, DirectionProblem, Linearization, Status, kkt_residuals
+from cpgrl_opt import (
+    SOLVERS,
+    ConstrainedStep,
+    Direction,
+    DirectionBatch,
+    DirectionProblem,
+    Linearization,
+    Status,
+    kkt_residuals,
+)
 
 FORMULATION_NAMES = ["equality", "cone", "restoring"]
 LINEARIZATION = Linearization([0.0, -1.0, -0.5], [[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 1.0, 1.0]])
@@ -112,3 +123,55 @@ def test_the_referee_refuses_complex_values():
     problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]])
     with pytest.raises(ValueError, match="value should be an array of real numbers"):
         kkt_residuals(problem, SimpleNamespace(value=np.array([1.0, 2.0 + 1j]), multipliers=np.zeros(1)))
+
+
+@dataclass(frozen=True)
+class Typed:
+    """A right solver, or one that fails, whose arrays are of another type or order than ours."""
+
+    form: str
+
+    takes_geometry: ClassVar[bool] = True
+
+    def solve(self, problem):
+        if self.form == "failed integers":
+            return Direction(np.zeros(problem.n, int), np.zeros(problem.m, int), Status.NUMERICAL_ERROR)
+        answer = SOLVERS["nnls"].solve(problem)
+        return Direction(answer.value.astype(np.float32), answer.multipliers.astype(np.float32), answer.status)
+
+
+@dataclass(frozen=True)
+class TypedBatches(Typed):
+    """The same with a `solve_batch` of its own."""
+
+    def solve_batch(self, problems):
+        answers = DirectionBatch.stack([SOLVERS["nnls"].solve(problem) for problem in problems])
+        value = np.asfortranarray(answers.value) if self.form == "columns first" else answers.value
+        value.flags.writeable = self.form != "read-only"
+        return dataclasses.replace(answers, value=value, status=answers.status.astype(np.int8))
+
+
+@pytest.mark.parametrize("metric", [None, [1.0, 1.0, 1.0]])
+@pytest.mark.parametrize(
+    "solver",
+    [Typed("failed integers"), Typed("float32"), TypedBatches("columns first"), TypedBatches("read-only")],
+    ids=lambda solver: solver.form,
+)
+def test_answers_of_any_type_and_order_are_taken(solver, metric):
+    many = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
+    for drop in ("stationary", "always"):
+        exact, found = (ConstrainedStep(solver=each, metric=metric, drop=drop) for each in ("nnls", solver))
+        change = found(many, THRESHOLDS).change
+        np.testing.assert_allclose(change, exact(many, THRESHOLDS).change, rtol=1e-5, atol=1e-9)
+
+
+def test_answers_that_do_not_fit_are_refused():
+    three = DirectionBatch(np.zeros((3, 2)), np.zeros((2, 1)), np.zeros(3, np.int64), np.zeros(3, np.int64))
+    with pytest.raises(ValueError, match=r"multipliers of the answers should have shape \(3, 1\); found \(2, 1\)"):
+        three.owned()
+
+
+def test_a_batch_of_integers_is_replaced_by_numbers():
+    whole = DirectionBatch(np.zeros((1, 2), int), np.zeros((1, 1), int), np.zeros(1, int), np.zeros(1, int))
+    other = DirectionBatch(np.full((1, 2), 0.5), np.full((1, 1), 0.5), np.zeros(1, int), np.zeros(1, int))
+    assert whole.replaced(np.array([True]), other).value.tolist() == [[0.5, 0.5]]
