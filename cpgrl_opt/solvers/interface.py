@@ -5,9 +5,17 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from ..arrays import Vector
 from ..direction import Direction, DirectionBatch, Status
-from ..kkt import excess_violation, farkas_residual, kkt_residuals, proof_tolerance, violation_tolerance
-from ..problem import DirectionProblem, ProblemBatch
+from ..kkt import (
+    excess_violation,
+    farkas_residual,
+    kkt_residuals,
+    proof_tolerance,
+    violation,
+    violation_tolerance,
+)
+from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
 
@@ -33,8 +41,9 @@ def refereed(
 ) -> DirectionBatch:
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
 
-    They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and, unless there is a radius, the direction violates
-    least to (1 + m) tolerance: what the conformance kit asks for, but that it be the nearest of them to the gradient.
+    They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and the direction violates least to
+    (1 + m) tolerance, in the ball where there is a radius: what the conformance kit asks for and more, but that it be
+    the nearest of them to the gradient.
     """
     answers = answers.owned()
     status = answers.status
@@ -49,9 +58,35 @@ def refereed(
 def _is_infeasible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
     if not farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance):
         return False
-    if problem.radius is not None:
-        return bool(np.isfinite(answer.value).all())
-    return excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
+    if problem.radius is None:
+        return excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
+    flat, d = _euclidean_direction(problem, answer)
+    return _excess_violation_in_ball(flat, d, problem.radius) <= violation_tolerance(tolerance, problem.m)
+
+
+def _euclidean_direction(problem: DirectionProblem, answer: Direction) -> tuple[DirectionProblem, Vector]:
+    """The problem and d where M = I."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        d = answer.value if problem.whitening is None else problem.whitening.direction(answer.value)
+    return euclidean(problem), d
+
+
+def _excess_violation_in_ball(problem: DirectionProblem, d: Vector, radius: float) -> float:
+    """‖Π(d + Ĵᵀr) − d‖ / s, Π onto the ball: 0 where d is in it and no other point of it violates less; M = I.
+
+    r = (b̂ − Ĵd)₊, signed on E; s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E), and no more than the radius. Ours; Π(d + Ĵᵀr) is a
+    step of projected descent on ½‖r‖².
+    """
+    if not np.isfinite(d).all():
+        return float("inf")
+    lack = violation(problem, d)
+    required = np.where(problem.equality, np.abs(lack.bound), lack.bound).max(initial=0.0)
+    unit = min(max(float(lengths(d)), float(required)), radius)
+    descended = d + lack.amount @ lack.jacobian
+    length = float(lengths(descended))
+    if not length < np.inf:
+        return float("inf")
+    return float(lengths(descended * min(1.0, radius / max(length, radius)) - d)) / unit if unit > 0 else 0.0
 
 
 class LoopsOverBatches:

@@ -120,3 +120,17 @@ def test_the_comparison_asks_for_the_least_violation_too() -> None:
     elsewhere = replace(answer, value=problem.gradient)
     assert judge(problem, elsewhere, feasible=False).outcome == "inaccurate"
     assert judge(problem, elsewhere, feasible=False, verdict_only=True).outcome == "success"
+
+
+@pytest.mark.parametrize("metric", [None, METRIC])
+def test_in_a_ball_a_direction_is_in_it_and_violates_least_in_it(metric) -> None:
+    """Conflicting rows, and rows that the ball misses: d + shift leaves the ball, or violates more in it."""
+    missed = Linearization([0.0, -5.0, -3.0], [[1.0, 2.0], [0.0, 1.0], [1.0, 0.5]])
+    for linearization in (OPPOSING, missed):
+        settings = {"metric": metric, "radius": 0.1, "step_size": 1.0, "restoration_rate": 1.0}
+        exact = step(SOLVERS["active-set"], **settings)(linearization, [0.0, 0.0])
+        assert exact.counts["infeasible"] == 1
+        for shift, falls_back in (((1e6, 1e6), 1), ((-0.02, -0.03), 1), ((0.0, 0.0), 0), ((1e-9, -1e-9), 0)):
+            result = step(Foreign(shift=shift), **settings)(linearization, [0.0, 0.0])
+            assert (result.counts["fallback"], result.counts["infeasible"]) == (falls_back, 1), (shift, linearization)
+            np.testing.assert_allclose(result.change, exact.change, atol=1e-8)
