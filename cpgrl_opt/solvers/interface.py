@@ -5,7 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..arrays import Vector
+from ..arrays import Multipliers, Vector
 from ..direction import Direction, DirectionBatch, Status
 from ..kkt import (
     excess_violation,
@@ -15,9 +15,11 @@ from ..kkt import (
     violation,
     violation_tolerance,
 )
-from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths
+from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
+# A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
+_FAR = 100.0
 
 
 @runtime_checkable
@@ -42,7 +44,8 @@ def refereed(
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
 
     They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and the direction violates least to
-    (1 + m) tolerance, in the ball where there is a radius: what the conformance kit asks for and more, but that it be
+    (1 + m) tolerance, in the ball where there is a radius; and no direction that meets the constraints is
+    shorter than a hundred times the answer and the gradient (or than the radius): what the conformance kit asks for and more, but that it be
     the nearest of them to the gradient.
     """
     answers = answers.owned()
@@ -58,10 +61,21 @@ def refereed(
 def _is_infeasible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
     if not farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance):
         return False
-    if problem.radius is None:
-        return excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
     flat, d = _euclidean_direction(problem, answer)
+    reach, size = _proven_distance(flat, answer.multipliers), float(lengths(d))
+    if problem.radius is None:
+        far = _FAR * max(size, float(lengths(flat.gradient)))
+        return reach >= far and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
+    if not reach >= min(problem.radius, _FAR * size):
+        return False
     return _excess_violation_in_ball(flat, d, problem.radius) <= violation_tolerance(tolerance, problem.m)
+
+
+def _proven_distance(problem: DirectionProblem, y: Multipliers) -> float:
+    """b̂ᵀŷ/‖Ĵᵀŷ‖, at the most: no d that is shorter meets all constraints. M = I."""
+    residual = farkas_residual(problem, y)
+    named = np.abs(unit_rows(problem.jacobian).per_length(problem.bound)[y != 0])
+    return float(named.max(initial=0.0)) / residual if residual > 0 else float("inf")
 
 
 def _euclidean_direction(problem: DirectionProblem, answer: Direction) -> tuple[DirectionProblem, Vector]:

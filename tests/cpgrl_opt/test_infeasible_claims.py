@@ -134,3 +134,19 @@ def test_in_a_ball_a_direction_is_in_it_and_violates_least_in_it(metric) -> None
             result = step(Foreign(shift=shift), **settings)(linearization, [0.0, 0.0])
             assert (result.counts["fallback"], result.counts["infeasible"]) == (falls_back, 1), (shift, linearization)
             np.testing.assert_allclose(result.change, exact.change, atol=1e-8)
+
+
+@pytest.mark.parametrize(("angle", "length", "tolerance"), [(1.4e-5, 0.5, 1e-9), (4e-4, 0.5, 1e-6), (4e-4, 0.1, 1e-6)])
+@pytest.mark.parametrize("geometry", [{}, {"metric": [4.0, 0.25]}, {"radius": 1e9}])
+def test_rows_that_nearly_oppose_are_met_far_away_and_not_infeasible(angle, length, tolerance, geometry) -> None:
+    """d = (0, 1/angle) meets both; the claim goes a part of the way, and its y proves no more than that d is long."""
+    scale = np.sqrt(np.broadcast_to(geometry.get("metric", 1.0), 2))
+    problem = DirectionProblem([0.0, 0.0], np.array([[1.0, angle], [-1.0, angle]]) * scale, 1.0, **geometry)
+    claim = Direction(np.array([0.0, length / angle]) / scale, np.ones(2), Status.INFEASIBLE)
+    assert refereed([problem], DirectionBatch.stack([claim]), tolerance).status[0] == Status.UNCERTIFIED
+
+
+def test_rows_that_oppose_are_infeasible_however_far_the_gradient_goes() -> None:
+    problem = DirectionProblem([1e6, 3e6], [[0.0, 1.0], [0.0, -1.0]], 1.0)
+    answer = SOLVERS["active-set"].solve(problem)
+    assert refereed([problem], DirectionBatch.stack([answer]), 1e-6).status[0] == Status.INFEASIBLE
