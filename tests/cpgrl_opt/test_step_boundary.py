@@ -20,6 +20,7 @@ from cpgrl_opt import (
     Status,
     kkt_residuals,
 )
+from cpgrl_opt.solvers import ActiveSet
 
 FORMULATION_NAMES = ["equality", "cone", "restoring"]
 LINEARIZATION = Linearization([0.0, -1.0, -0.5], [[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 1.0, 1.0]])
@@ -175,3 +176,17 @@ def test_a_batch_of_integers_is_replaced_by_numbers():
     whole = DirectionBatch(np.zeros((1, 2), int), np.zeros((1, 1), int), np.zeros(1, int), np.zeros(1, int))
     other = DirectionBatch(np.full((1, 2), 0.5), np.full((1, 1), 0.5), np.zeros(1, int), np.zeros(1, int))
     assert whole.replaced(np.array([True]), other).value.tolist() == [[0.5, 0.5]]
+
+
+class SubclassOfOurs(ActiveSet):
+    """Not ours any more."""
+
+    def solve_batch(self, problems):
+        answers = super().solve_batch(problems)
+        return dataclasses.replace(answers, value=np.full_like(answers.value, 7.0))
+
+
+def test_a_subclass_of_a_solver_of_ours_is_put_before_the_referee():
+    result = ConstrainedStep(solver=SubclassOfOurs())(LINEARIZATION, THRESHOLDS)
+    np.testing.assert_array_equal(result.change, ConstrainedStep()(LINEARIZATION, THRESHOLDS).change)
+    assert result.counts["fallback"] == 2
