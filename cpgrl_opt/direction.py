@@ -93,11 +93,11 @@ class DirectionBatch(Sequence[Direction]):
 
     @classmethod
     def stack(cls, directions: Sequence[Direction]) -> "DirectionBatch":
-        """The same directions in stacked arrays; at least one."""
+        """The same directions in stacked float64 arrays; at least one."""
         radius_multiplier = np.array([getattr(direction, "radius_multiplier", 0.0) for direction in directions])
         return cls(
-            np.stack([direction.value for direction in directions]),
-            np.stack([direction.multipliers for direction in directions]),
+            real_values("value of the answers", np.stack([direction.value for direction in directions])),
+            real_values("multipliers of the answers", np.stack([direction.multipliers for direction in directions])),
             np.array([direction.status for direction in directions], dtype=np.int64),
             np.array([getattr(direction, "iterations", 0) for direction in directions], dtype=np.int64),
             radius_multiplier if radius_multiplier.any() else None,

@@ -48,7 +48,8 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
     }
 )
 
-# They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where they are used.
+# They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where
+# they are used.
 SELF_JUDGING = tuple({type(solver) for solver in SOLVERS.values()})
 
 

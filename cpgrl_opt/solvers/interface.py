@@ -43,10 +43,10 @@ def refereed(
 ) -> DirectionBatch:
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
 
-    They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and the direction violates least to
-    (1 + m) tolerance, in the ball where there is a radius; and no direction that meets the constraints is
-    shorter than a hundred times the answer and the gradient (or than the radius): what the conformance kit asks for and more, but that it be
-    the nearest of them to the gradient.
+    They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and the
+    direction violates least to (1 + m) tolerance, in the ball where there is a radius; and no direction that meets the
+    constraints is shorter than a hundred times the answer and the gradient (or than the radius): what the conformance
+    kit asks for and more, but that it be the nearest of them to the gradient.
     """
     answers = answers.owned()
     status = answers.status
