@@ -136,8 +136,10 @@ class Typed:
 
     def solve(self, problem):
         if self.form == "failed integers":
-            whole = np.zeros(problem.n, int), np.zeros(problem.m, int)
-            return SimpleNamespace(value=whole[0], multipliers=whole[1], status=Status.NUMERICAL_ERROR)
+            failed = Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR)
+            object.__setattr__(failed, "value", np.zeros(problem.n, int))  # past the types that tests check
+            object.__setattr__(failed, "multipliers", np.zeros(problem.m, int))
+            return failed
         answer = SOLVERS["nnls"].solve(problem)
         return Direction(answer.value.astype(np.float32), answer.multipliers.astype(np.float32), answer.status)
 
