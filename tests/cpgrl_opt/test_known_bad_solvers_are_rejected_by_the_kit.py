@@ -234,6 +234,42 @@ class OwnRandomness:
         return claimed(answer.value * (1 + 1e-12 * self.rng.random()), answer.multipliers, answer.status)
 
 
+class AnswersOfABatchMixedUp:
+    """Each problem of a batch gets the answer of the next, and the last that of the first."""
+
+    def __call__(self, problem):
+        return CORRECT.solve(problem)
+
+    def solve_batch(self, problems):
+        answers = [CORRECT.solve(problem) for problem in problems]
+        return [*answers[1:], *answers[:1]]
+
+
+class BatchThatGivesUp(AnswersOfABatchMixedUp):
+    """Its kernel for batches runs out of iterations where there are several rows."""
+
+    def solve_batch(self, problems):
+        return [always_declines(each) if each.m > 1 else CORRECT.solve(each) for each in problems]
+
+
+class WarmStartThatKeepsTheFace:
+    """Its sessions never leave the active set that they found first."""
+
+    def __call__(self, problem):
+        return CORRECT.solve(problem)
+
+    def session(self, _n, _m, *, warm_start=False):
+        return SimpleNamespace(solve=StaleActiveSet() if warm_start else CORRECT.solve)
+
+
+class WarmStartThatEndsInfeasible(WarmStartThatKeepsTheFace):
+    """Its sessions take every problem but the first for infeasible."""
+
+    def session(self, _n, _m, *, warm_start=False):
+        first, then = iter([CORRECT.solve]), always_infeasible if warm_start else CORRECT.solve
+        return SimpleNamespace(solve=lambda problem: next(first, then)(problem))
+
+
 def every_case(problem):
     return True
 
@@ -292,7 +328,12 @@ MUTANTS = {
     normalises_in_place: (("check_input_is_unchanged",), every_case),
     StaleActiveSet: (("check_answers_repeat", "check_claims_are_certified"), inequalities_only),
     OwnRandomness: (("check_answers_repeat",), every_case),
+    AnswersOfABatchMixedUp: (("check_batch_is_loop",), every_case),
+    BatchThatGivesUp: (("check_batch_is_loop",), every_case),
+    WarmStartThatKeepsTheFace: (("check_warm_start_is_cold_start",), inequalities_only),
+    WarmStartThatEndsInfeasible: (("check_warm_start_is_cold_start",), every_case),
 }
+WITH_A_MEMORY = (StaleActiveSet, OwnRandomness)
 AT_SOME_SCALE = {
     (printed_stop_rule, "check_dual_feasibility"),  # rows that nearly oppose
     (short_rows_ignored, "check_primal_feasibility"),
@@ -301,6 +342,7 @@ AT_SOME_SCALE = {
     (never_infeasible, "check_claims_are_certified"),  # bounds that nearly meet
     (StaleActiveSet, "check_claims_are_certified"),
     (StaleActiveSet, "check_answers_repeat"),
+    (WarmStartThatKeepsTheFace, "check_warm_start_is_cold_start"),
 }
 CASES = [
     pytest.param(mutant, law, marks=[pytest.mark.slow] if k > 0 else [], id=f"{mutant.__name__}-{law}")
@@ -311,7 +353,8 @@ CASES = [
 
 def as_solver(mutant):
     method, takes = mutant() if isinstance(mutant, type) else mutant, MUTANTS[mutant][1]
-    return SimpleNamespace(solve=method, supports=takes, takes_geometry=takes is metrics)
+    more = {name: getattr(method, name) for name in ("solve_batch", "session") if hasattr(method, name)}
+    return SimpleNamespace(solve=method, supports=takes, takes_geometry=takes is metrics, **more)
 
 
 @pytest.mark.parametrize(("mutant", "law"), CASES)
@@ -328,7 +371,7 @@ def test_a_known_bad_solver_is_rejected_with_a_small_counterexample_that_runs(mu
     assert f"def {name}(solver)" in result.counterexample
     scope = {}
     exec(result.counterexample, scope)
-    if not isinstance(mutant, type):  # those with a memory need not fail twice in a row
+    if mutant not in WITH_A_MEMORY:  # those need not fail twice in a row
         with pytest.raises(LawBroken):
             scope[name](as_solver(mutant))
     scope[name](CORRECT)
@@ -340,11 +383,12 @@ def test_a_known_bad_solver_is_rejected_with_a_small_counterexample_that_runs(mu
 
 def assert_small(arguments, mutant, law):
     """n, m ≤ 3 and integers of two digits at most; where the fault is at some scale, few numbers at least."""
-    problem = arguments["problem"]
-    metric = [] if problem.metric is None else problem.metric
-    numbers = np.concatenate([np.ravel(each) for each in (problem.gradient, problem.jacobian, problem.bound, metric)])
+    problems = arguments["problems"] if "problems" in arguments else [arguments["problem"]]
+    assert len(problems) <= 2
+    parts = [(each.gradient, each.jacobian, each.bound, each.metric) for each in problems]
+    numbers = np.concatenate([np.ravel(part) for each in parts for part in each if part is not None])
     assert np.count_nonzero(numbers) <= 7
     if (mutant, law) not in AT_SOME_SCALE:
-        assert max(problem.n, problem.m) <= 3
+        assert max(problems[0].n, problems[0].m) <= 3
         assert np.abs(numbers).max() <= 99
         np.testing.assert_array_equal(numbers, np.round(numbers))
