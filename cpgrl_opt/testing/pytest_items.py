@@ -8,7 +8,8 @@ from hypothesis import settings
 
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
-from .laws import LAWS, Law
+from .law import LawBroken
+from .laws import LAWS, Law, supported_cases
 from .verdict import CheckResult, check_law
 
 
@@ -16,7 +17,8 @@ from .verdict import CheckResult, check_law
 class SolverCheck:
     """Calling it with the solver puts one law to it: LawBroken where the law breaks, pytest.skip if unsupported.
 
-    reason: why the law is bound to break; pytest.xfail then where it does.
+    LawBroken, too, for a solver that takes no law's problems: its items would all be skipped. reason: why the law is
+    bound to break; pytest.xfail then where it does.
     """
 
     law: Law
@@ -30,9 +32,11 @@ class SolverCheck:
 
         examples = self.max_examples or settings().max_examples
         result = check_law(self.law, solver, reason=self.reason, max_examples=examples, seed=self.seed)
+        if not result.supported and not supported_cases(solver):
+            raise LawBroken(f"{solver!r} should take some of the laws' problems; found that `supports` takes none")
         if not result.supported:
             pytest.skip(f"{self.law.name}: the solver declares no such cases, or has no method for them")
-        if result.problem and self.reason:
+        if result.problem and result.passed:
             pytest.xfail(self.reason)
         result.raise_for_failure()
         return result

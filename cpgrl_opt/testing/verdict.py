@@ -37,8 +37,11 @@ class CheckResult:
 
     @property
     def passed(self) -> bool:
-        """Held, or excused: the solver declares not to take such problems, or the failure was declared."""
-        return not self.problem or bool(self.reason)
+        """Held, or excused: the solver declares not to take such problems, or the failure was declared.
+
+        A law that was put to no problem did not fail as declared.
+        """
+        return not self.problem or (bool(self.reason) and self.run > 0)
 
     @property
     def word(self) -> str:
@@ -47,7 +50,7 @@ class CheckResult:
             return "unsupported"
         if not self.problem:
             return "held, though expected to fail" if self.reason else "held"
-        return "failed as expected" if self.reason else "FAILED"
+        return "failed as expected" if self.passed else "FAILED"
 
     def raise_for_failure(self) -> None:
         """LawBroken with the problem and the counterexample unless the check passed."""
@@ -67,8 +70,13 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Every law held or was excused."""
-        return all(result.passed for result in self.results)
+        """Every law held or was excused, and some law was put to some problem."""
+        return not self.is_void and all(result.passed for result in self.results)
+
+    @property
+    def is_void(self) -> bool:
+        """Whether no problem was run at all, which says nothing about the solver."""
+        return not any(result.run for result in self.results)
 
     @property
     def failures(self) -> tuple[CheckResult, ...]:
@@ -95,7 +103,8 @@ class Verdict:
             f"{words.count(word)} {word}" for word in ("unsupported", "failed as expected", "FAILED") if word in words
         ]
         outcome = "passes" if self.passed else "does not pass"
-        return f"{self.solver} {outcome}: of {len(words)} laws {', '.join(parts)}."
+        void = "; no problem was run: let `supports` take some of the laws' problems" if self.is_void else ""
+        return f"{self.solver} {outcome}: of {len(words)} laws {', '.join(parts)}{void}."
 
     def to_markdown(self) -> str:
         """Summary, a table with the counts of every check, then each failure with its counterexample."""

@@ -157,6 +157,37 @@ def test_a_check_that_ran_on_nothing_is_not_passed():
     assert "no problem was run" in verdict["check_stationarity"].problem
 
 
+TAKES_NOTHING = SimpleNamespace(solve=None, supports=lambda _: False)
+
+
+def test_a_verdict_in_which_nothing_was_run_does_not_pass():
+    verdict = check_direction_solver(TAKES_NOTHING)
+    assert not verdict.passed
+    assert "0 held, 28 unsupported; no problem was run: let `supports` take some" in verdict.summary
+    with pytest.raises(LawBroken, match="no problem was run"):
+        verdict.raise_for_failures()
+    assert not check_direction_solver(SOLVERS["nnls"], checks=[]).passed
+
+
+def test_items_of_a_solver_that_takes_nothing_fail_instead_of_being_skipped():
+    items = parametrize_with_checks({"idle": TAKES_NOTHING}, max_examples=1).mark.args[1]
+    for solver, check in (item.values for item in items):
+        with pytest.raises(LawBroken, match="should take some of the laws' problems"):
+            check(solver)
+
+
+def test_a_declared_failure_does_not_excuse_a_law_that_was_put_to_no_problem():
+    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=lambda problem: problem.n == 3 and problem.m == 2)
+    check, excuse = "check_stationarity", {"check_stationarity": "is bound to break"}
+    verdict = check_direction_solver(choosy, checks=[check], expected_failures=excuse, max_examples=5)
+    assert not verdict.passed
+    assert verdict[check].word == "FAILED"
+    items = parametrize_with_checks({"mine": choosy}, expected_failures={"mine": excuse}, max_examples=5).mark.args[1]
+    (item,) = (each.values[1] for each in items if each.id == "mine-stationarity")
+    with pytest.raises(LawBroken, match="no problem was run"):
+        item(choosy)
+
+
 def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
     verdict = check_direction_solver(UnitLength(), checks=["check_stationarity"], max_examples=1)
     assert verdict.tolerance == 1e-6
