@@ -26,7 +26,7 @@ import numpy as np
 from cpgrl_opt import SOLVERS, Status
 from cpgrl_opt.comparison.recording import SHIPPED, Recording, load_recording, shipped_recording
 from cpgrl_opt.comparison.replay import replay
-from cpgrl_opt.solvers import is_installed, supports
+from cpgrl_opt.solvers import is_usable, supports
 
 COLD = ("active-set", "rosen", "nnls", "daqp", "piqp", "osqp")
 WARM = ("osqp",)
@@ -50,7 +50,7 @@ def measured(name: str, recording: Recording, repeats: int) -> Iterator[Row]:
     """A row for each solver that takes all problems, cold, and warm where it has such a start."""
     for solver_name, warm in [*((solver, False) for solver in COLD), *((solver, True) for solver in WARM)]:
         solver = SOLVERS[solver_name]
-        if not is_installed(solver) or not all(supports(solver, problem) for problem in recording.problems):
+        if not is_usable(solver) or not all(supports(solver, problem) for problem in recording.problems):
             continue
         replay(recording, solver, warm=warm)  # compiles
         done = replay(recording, solver, warm=warm, repeats=repeats)

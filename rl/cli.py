@@ -78,16 +78,18 @@ def _cpgrl(
 def solvers() -> None:
     """List the direction solvers: what is installed, what each takes and guarantees."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from cpgrl_opt import SOLVERS
-    from cpgrl_opt.solvers import is_installed
+    from cpgrl_opt.solvers import obstacle
 
     from .experiments.solver_cases import cases
 
     table = Table("solver", "installed", "formulations", "guarantee", "source")
     for name, solver in SOLVERS.items():
-        installed = "[green]yes[/green]" if is_installed(solver) else "[red]no[/red]"
+        why_not = obstacle(solver).replace("not installed", "no")
+        installed = f"[red]{escape(why_not)}[/red]" if why_not else "[green]yes[/green]"
         facts = (getattr(solver, fact, "") for fact in ("guarantee", "source"))
         table.add_row(f"[bold]{name}[/bold]", installed, ", ".join(cases(solver)), *facts)
     Console().print(table)

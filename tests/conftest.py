@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -83,8 +83,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--run-slow", action="store_true", help="run the tests that take over ten seconds too")
 
 
-def pytest_runtest_setup() -> None:
+def pytest_runtest_setup(item: pytest.Item) -> None:
     _calls.clear()
+    skip_broken(getattr(getattr(item, "callspec", None), "params", {}).values())
+
+
+def skip_broken(parameters: Iterable[object]) -> None:
+    """Skips, with the reason, a test of a solver whose package is there but cannot be imported on this machine."""
+    from cpgrl_opt.solvers import SELF_JUDGING, SOLVERS, is_installed, obstacle
+
+    for parameter in parameters:
+        solver = SOLVERS.get(parameter) if isinstance(parameter, str) else parameter
+        if isinstance(solver, SELF_JUDGING) and is_installed(solver) and (why := obstacle(solver)):
+            pytest.skip(f"{getattr(solver, 'name', solver)} is {why}")
 
 
 def compile_projections() -> None:

@@ -2,7 +2,7 @@
 
 import os
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -48,9 +48,9 @@ class Request:
     seed: int = 0
     quick: bool = False
 
-    def settings(self) -> tuple[ComparisonSettings, tuple[str, ...]]:
-        """(what can be run, the solvers that are not installed). ValueError for wrong names and numbers."""
-        present, absent = installed(self.solvers or SOLVERS)
+    def settings(self) -> tuple[ComparisonSettings, Mapping[str, str]]:
+        """(what can be run, {solver that cannot: why}). ValueError for wrong names and numbers."""
+        present, absent = installed(self.solvers or None)
         if not present:
             raise ValueError(f"solvers should have an installed one among them; found {', '.join(absent)}")
         standard = QUICK_FAMILIES if self.quick else tuple(FAMILIES)
@@ -81,14 +81,14 @@ class Request:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came of it: measurements, their cells, the solvers that are not installed, the files written.
+    """What came of it: measurements, their cells, {solver that could not be compared: why}, the files written.
 
     kept: cells in measurements.csv that were not asked for this time, and are not reported.
     """
 
     measurements: Sequence[Measurement]
     cells: Sequence[Cell]
-    absent: Sequence[str]
+    absent: Mapping[str, str]
     files: Sequence[Path]
     kept: int = 0
 
@@ -111,7 +111,7 @@ def compare(
     context = ReportContext(
         command=request.command(),
         machine=machine(),
-        versions=found | {_package(name): "not installed" for name in absent},
+        versions=found | {_package(name): why for name, why in absent.items()},
         settings=settings.described(jobs),
         families={name: family_named(name).reason for name in settings.families},
         seed=settings.seed,
@@ -189,8 +189,8 @@ def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: C
         say(f"Interrupted. {folder / MEASUREMENTS} holds every finished cell; the same command goes on from there.")
         raise
     print_summary(done.cells)
-    for name in done.absent:
-        say(f"{name} is not installed, so that it is not compared; see `cpgrl solvers`.")
+    for name, why in done.absent.items():
+        say(f"{name} is {why}, so that it is not compared; see `cpgrl solvers`.")
     say(f"Wrote {', '.join(path.name for path in done.files)} into {folder}")
     if done.kept:
         say(f"{MEASUREMENTS} keeps what was finished before and not asked for now, unreported: cells: {done.kept}.")

@@ -1,7 +1,7 @@
 """Who is compared: solvers of SOLVERS and people's own, behind our preparation and as the library alone."""
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..problem import DirectionProblem
-from ..solvers import SOLVERS, is_installed, supports
+from ..solvers import SOLVERS, is_installed, obstacle, supports
 from .raw import RAW
 
 DEFAULT_SOLVER = "active-set"  # whose time is 1
@@ -38,13 +38,19 @@ def solver_of(name: str) -> Any:
     return found
 
 
-def installed(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """(those whose package is there, those whose package is not); ValueError for a wrong name."""
-    present: list[str] = []
-    absent: list[str] = []
-    for name in dict.fromkeys(names):
-        (present if is_installed(solver_of(name)) else absent).append(name)
-    return tuple(present), tuple(absent)
+def installed(names: Iterable[str] | None) -> tuple[tuple[str, ...], Mapping[str, str]]:
+    """(who is compared, {who is not: why not}); ValueError for a wrong name.
+
+    None: all of SOLVERS that can be used. A solver that is asked for by name is left out only if it is not installed:
+    where its package is broken, that is for the comparison to raise.
+    """
+    solvers = {name: solver_of(name) for name in (SOLVERS if names is None else names)}
+    absent = {
+        name: why
+        for name, solver in solvers.items()
+        if (why := obstacle(solver) if names is None or not is_installed(solver) else "")
+    }
+    return tuple(name for name in solvers if name not in absent), absent
 
 
 def variants_of(name: str) -> Sequence[str]:

@@ -23,7 +23,7 @@ from .interface import (
 from .kernels import compile_kernels
 from .nnls import NNLS
 from .osqp import OSQP
-from .packages import has_package
+from .packages import has_package, import_failure
 from .rosen import Rosen
 from .rosen_drop import RosenDrop
 from .through_cvxpy import CVXPY
@@ -61,9 +61,36 @@ def solver_named(name: str) -> DirectionSolver:
 
 
 def is_installed(solver: DirectionSolver) -> bool:
-    """Whether the package behind a solver is there; True for a solver that names none."""
+    """Whether the packages behind a solver are there; True for a solver that names none. Imports nothing.
+
+    Whether they can be imported too, `obstacle` finds out.
+    """
+    return all(map(has_package, packages_of(solver)))
+
+
+def obstacle(solver: DirectionSolver) -> str:
+    """Why a solver cannot be used: "not installed" or "broken: …", where … says why; "" where it can.
+
+    A package that is there may lack a system library, which only its import tells: it is imported here.
+    """
+    if not is_installed(solver):
+        return "not installed"
+    for package in packages_of(solver):
+        reason = import_failure(package)
+        if reason is not None:
+            return f"broken: {reason}"
+    return ""
+
+
+def is_usable(solver: DirectionSolver) -> bool:
+    """Whether the packages behind a solver are there and can be imported; imports them."""
+    return not obstacle(solver)
+
+
+def packages_of(solver: DirectionSolver) -> tuple[str, ...]:
+    """Its `package` and what else it is declared to stand on in `also_needs`; nothing for a solver that names none."""
     package = getattr(solver, "package", None)
-    return package is None or has_package(package)
+    return () if package is None else (package, *getattr(solver, "also_needs", ()))
 
 
 __all__ = [
@@ -85,6 +112,8 @@ __all__ = [
     "compile_kernels",
     "has_package",
     "is_installed",
+    "is_usable",
+    "obstacle",
     "refereed",
     "solve_batch",
     "solver_named",

@@ -12,7 +12,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .geometry import takes_geometry
-from .packages import require_package
+from .packages import require_import, require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 
@@ -53,6 +53,7 @@ class OSQP:
     def session(self, n: int, m: int, *, warm_start: bool = False) -> "OSQPSession":
         """A workspace for problems with n parameters and m constraints; warm_start: from the last answer."""
         require_package("osqp", "osqp", "solvers")
+        require_import("osqp", "osqp")
         return OSQPSession(self, n, m, warm_start=warm_start)
 
 

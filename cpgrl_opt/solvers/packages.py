@@ -1,4 +1,4 @@
-"""Which optional packages are there, and what to type where one is not."""
+"""Which optional packages are there, which of them can be imported, and what to type where one is not there."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -7,7 +7,7 @@ from .interface import MissingPackageError, UnusablePackageError
 
 
 def has_package(package: str) -> bool:
-    """Whether `package` can be imported, found without importing it."""
+    """Whether `package` is there, found without importing it, so that nobody knows yet whether it can be."""
     return find_spec(package) is not None
 
 
@@ -19,7 +19,19 @@ def require_package(solver: str, package: str, extra: str) -> None:
 
 def require_import(solver: str, package: str) -> None:
     """UnusablePackageError with the reason if `package`, which is there, cannot be imported."""
+    reason = import_failure(package)
+    if reason is not None:
+        raise UnusablePackageError(solver, package, reason) from reason
+
+
+def import_failure(package: str) -> ImportError | None:
+    """What the import of `package` raises, None where it can be imported; it then is."""
     try:
         import_module(package)
     except ImportError as reason:
-        raise UnusablePackageError(solver, package, reason) from reason
+        return reason
+    except Exception as reason:  # whatever a third party raises as it is imported
+        failure = ImportError(f"{type(reason).__name__}: {reason}")
+        failure.__cause__ = reason
+        return failure
+    return None

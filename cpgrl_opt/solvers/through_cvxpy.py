@@ -15,7 +15,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
-from .packages import require_package
+from .packages import require_import, require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 from .second_order_cone import state_and_solve
@@ -35,6 +35,7 @@ class CVXPY:
     time_limit: float = 2.0
 
     package: ClassVar[str] = "cvxpy"
+    also_needs: ClassVar[tuple[str, ...]] = ("clarabel",)
     source: ClassVar[str] = "Diamond & Boyd 2016; Agrawal et al. 2019 (DPP)"
     guarantee: ClassVar[str] = "interior point (CLARABEL), polished; slow"
     takes_geometry: ClassVar[bool] = True
@@ -58,7 +59,9 @@ class CVXPY:
 
         warm_start: as in other solvers' sessions; CLARABEL has none, so that no answer depends on the ones before.
         """
-        require_package("cvxpy", "cvxpy", "solvers")
+        for package in (self.package, *self.also_needs):
+            require_package("cvxpy", package, "solvers")
+            require_import("cvxpy", package)
         return CVXPYSession(self, n, m)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -148,6 +148,8 @@ class QPSolversBackend(LoopsOverBatches):
     time_limit: float = field(default=2.0, kw_only=True)
     options: Mapping[str, Any] = field(default_factory=dict, kw_only=True, hash=False)
 
+    also_needs: ClassVar[tuple[str, ...]] = ("qpsolvers",)
+
     def __post_init__(self) -> None:
         """A wrong name is refused here, not at the first problem."""
         if self.name not in BACK_ENDS:
@@ -176,6 +178,7 @@ class QPSolversBackend(LoopsOverBatches):
         """The certified direction; see `Status`. Raises MissingPackageError, UnusablePackageError."""
         if not (has_package(self.package) and has_package("qpsolvers")):
             raise MissingPackageError(self.name, self.package, BACK_ENDS[self.name].extra)
+        require_import(self.name, "qpsolvers")
         return solve_prepared(problem, self._solve_reduced, tolerance=self.tolerance, polish=self.polish)
 
     def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:

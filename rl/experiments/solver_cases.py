@@ -3,7 +3,7 @@
 from typing import Any
 
 from cpgrl_opt import DirectionProblem
-from cpgrl_opt.solvers import is_installed, supports
+from cpgrl_opt.solvers import is_usable, supports
 
 # One problem as each formulation of a step makes them.
 _EXAMPLES = {
@@ -19,6 +19,6 @@ def cases(solver: Any) -> list[str]:
 
 
 def require_installed(solver: Any) -> None:
-    """MissingPackageError, with the command to type, before a training rather than in its middle."""
-    if not is_installed(solver):
+    """MissingPackageError, with the command to type or the reason, before a training rather than in its middle."""
+    if not is_usable(solver):
         solver.solve(_EXAMPLES["equality"])

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
-from cpgrl_opt.solvers import compile_kernels, is_installed, solver_named
+from cpgrl_opt.solvers import compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
 from envs import ThreeStateMDP
 
@@ -35,8 +35,8 @@ _TICK = 0.2  # s between signs of life
 class ComparisonSettings:
     """What is compared with what.
 
-    training: runs, episodes, rates and seed of every case; solvers: names (None: those of SOLVERS_COMPARED that are
-    installed); formulations: names. slow_episodes: updates of a case whose solver is not compiled. tolerance: by
+    training: runs, episodes, rates and seed of every case; solvers: names (None: those of SOLVERS_COMPARED that can
+    be used); formulations: names. slow_episodes: updates of a case whose solver is not compiled. tolerance: by
     which a policy may violate a threshold and count as feasible, in reward per step.
     Raises ValueError for unknown names and for solvers none of which takes any of the formulations.
     """
@@ -59,7 +59,7 @@ class ComparisonSettings:
 
     def cases(self) -> "list[Case]":
         """Every solver under every formulation that it takes; every drop rule under the first that takes equalities."""
-        names = self.solvers or [name for name in SOLVERS_COMPARED if is_installed(solver_named(name))]
+        names = self.solvers or [name for name in SOLVERS_COMPARED if is_usable(solver_named(name))]
         found = []
         for formulation in self.formulations:
             takers = [name for name in names if formulation in cases(solver_named(name))]

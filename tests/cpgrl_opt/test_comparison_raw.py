@@ -61,7 +61,7 @@ def test_whoever_stands_on_a_library_is_tried_raw_too() -> None:
 
 def test_a_missing_package_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "scs")
-    assert installed(["active-set", "scs", "active-set"]) == (("active-set",), ("scs",))
+    assert installed(["active-set", "scs", "active-set"]) == (("active-set",), {"scs": "not installed"})
 
 
 def test_a_wrong_name_is_answered_with_the_right_ones() -> None:

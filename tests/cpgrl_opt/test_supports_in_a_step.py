@@ -17,7 +17,7 @@ from cpgrl_opt import (
 )
 from cpgrl_opt.direction import DirectionBatch
 from cpgrl_opt.problem import ProblemBatch
-from cpgrl_opt.solvers import is_installed
+from cpgrl_opt.solvers import is_usable
 
 RUNS = 6
 LINEARIZATION = Linearization(
@@ -89,8 +89,8 @@ def test_our_own_batches_decline_what_they_do_not_take_by_themselves() -> None:
     bounded = DirectionProblem([1.0, 2.0], [[1.0, 0.0]], 2.0)
     assert SOLVERS["active-set"].declines_by_itself
     assert SOLVERS["rosen"].declines_by_itself
-    installed = filter(is_installed, SOLVERS.values())
-    by_themselves = [solver for solver in installed if getattr(solver, "declines_by_itself", False)]
+    usable = filter(is_usable, SOLVERS.values())
+    by_themselves = [solver for solver in usable if getattr(solver, "declines_by_itself", False)]
     for solver in (*by_themselves, WithGeometry(ConesTogether())):
         for answer, problem in zip(solve_batch(solver, [*mixed, bounded]), [*mixed, bounded], strict=True):
             assert (answer.status == Status.UNSUPPORTED) == (not solver.supports(problem)), solver
