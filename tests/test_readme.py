@@ -34,7 +34,10 @@ def test_the_table_of_solvers_is_that_of_the_code():
         f"| `{name}` | {', '.join(cases(solver))} | {solver.guarantee} | {solver.source} |"
         for name, solver in SOLVERS.items()
     ]
-    assert found == expected
+    missing, gone = [row for row in expected if row not in found], [row for row in found if row not in expected]
+    advice = ["README.md's table of solvers should have these rows, in the order of SOLVERS:", *missing]
+    advice += ["and no longer:", *gone] if gone else []
+    assert found == expected, "\n".join(advice)
 
 
 @pytest.mark.parametrize(

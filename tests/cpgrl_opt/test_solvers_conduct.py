@@ -163,12 +163,9 @@ def test_cvxpy_compiles_a_shape_once() -> None:
     assert session.compiled_shapes == 1
 
 
-def test_the_names_are_these() -> None:
-    assert list(SOLVERS) == [
-        *("rosen", "rosen-drop", "active-set", "nnls", "enumeration", "osqp"),
-        *OPTIONAL,
-        "cvxpy",
-    ]
+def test_the_names_of_the_contract_are_there() -> None:
+    names = {"rosen", "rosen-drop", "active-set", "nnls", "enumeration", "osqp", *OPTIONAL, "cvxpy"}
+    assert names <= set(SOLVERS)
 
 
 @pytest.mark.parametrize("name", SOLVERS)
