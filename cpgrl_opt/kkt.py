@@ -267,9 +267,13 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     """
     d = np.asarray(d, dtype=np.float64)
     require_shape("d", d, (problem.n,))
+    if not np.isfinite(d).all():
+        return float("inf")
+    if problem.metric is not None:
+        units = in_units(problem, d)
+        problem, (d, _, _) = units.problem, units.inside(d, np.zeros(problem.m), 0.0)
     flat = euclidean(problem)
-    with np.errstate(over="ignore", invalid="ignore"):
-        d = d if problem.whitening is None else problem.whitening.direction(d)
+    d = d if problem.whitening is None else problem.whitening.direction(d)
     if not (np.isfinite(d).all() and np.isfinite(flat.jacobian).all()):
         return float("inf")
     lack = violation(flat, d)
@@ -308,8 +312,13 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     """
     y = np.asarray(y, dtype=np.float64)
     require_shape("y", y, (problem.m,))
+    if not np.isfinite(y).all() or not y.any():
+        return float("inf")
+    if problem.metric is not None:
+        units = in_units(problem)
+        problem, y = units.problem, units.proof(y)
     flat = euclidean(problem)
-    if not np.isfinite(y).all() or not y.any() or not np.isfinite(flat.jacobian).all():
+    if not (np.isfinite(flat.jacobian).all() and (problem.bound < np.inf).all() and y.any()):
         return float("inf")
     rows = unit_rows(flat.jacobian)
     zero_row_proof = (rows.largest == 0) & (y != 0) & _zero_row_impossible(problem, y)

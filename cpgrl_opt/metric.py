@@ -3,7 +3,12 @@
     M = LLᵀ,    d′ = Lᵀd,    g′ = L⁻¹g,    J′ = JL⁻ᵀ:    dᵀMd = ‖d′‖²,    gᵀd = g′ᵀd′,    Jd = J′d′
 
 so a direction problem in the metric M is the Euclidean one of (g′, J′, b), with the same multipliers. Another L with
-LLᵀ = M turns these coordinates, and changes no length. Source: Golub & Van Loan, Matrix Computations, §4.2.
+LLᵀ = M turns these coordinates, and changes no length. A rounded Cholesky factor R misses M by eps·cond(M) of it, so
+
+    L = RC,    CCᵀ = R⁻¹MR⁻ᵀ = I + R⁻¹(M − RRᵀ)R⁻ᵀ,    M − RRᵀ as if in twice the precision
+
+is kept as two factors, and what is left is rounding of d′, g′ and J′, eps·√cond(M).
+Source: Golub & Van Loan, Matrix Computations, §4.2; Ozaki et al. 2012 (products split so that their sums are exact).
 """
 
 from dataclasses import dataclass
@@ -19,44 +24,61 @@ Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
 _ASYMMETRY = 1e-12
 # Least pivot of M with unit diagonal: below it, float64 does not tell M from a singular matrix.
 _LEAST_PIVOT = 1e-14
+# R⁻¹(M − RRᵀ)R⁻ᵀ below this, entry by entry, is what rounding leaves of any M.
+_NEGLIGIBLE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """L of the module's head: (n,) its diagonal, or (n, n) lower triangular."""
+    """L of the module's head: `factor` R, (n,) its diagonal or (n, n) lower triangular; `correction` C, None for I."""
 
     factor: Metric
+    correction: Float[np.ndarray, "n n"] | None = None
 
     def rows(self, rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
         """JL⁻ᵀ: gradients, one a row, in the coordinates where M = I."""
         if self.factor.ndim == 1:
             return np.asarray(rows / self.factor)
-        return np.ascontiguousarray(_solved(self.factor, rows.T, transposed=False).T)
+        return np.ascontiguousarray(self._from_the_left(rows.T).T)
 
     def gradient(self, gradient: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """L⁻¹g."""
         if self.factor.ndim == 1:
             return np.asarray(gradient / self.factor)
-        return _solved(self.factor, gradient, transposed=False)
+        return self._from_the_left(gradient)
 
     def direction(self, direction: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """d′ = Lᵀd."""
-        return np.asarray(self.factor * direction if self.factor.ndim == 1 else direction @ self.factor)
+        if self.factor.ndim == 1:
+            return np.asarray(self.factor * direction)
+        whitened = direction @ self.factor
+        return np.asarray(whitened if self.correction is None else whitened @ self.correction)
 
     def original(self, whitened: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """d = L⁻ᵀd′."""
         if self.factor.ndim == 1:
             return np.asarray(whitened / self.factor)
+        if self.correction is not None:
+            whitened = _solved(self.correction, whitened, transposed=True)
         return _solved(self.factor, whitened, transposed=True)
 
     def extended(self, count: int) -> "Whitening":
         """L of M with `count` further coordinates, in which it is the identity."""
-        n = len(self.factor)
         if self.factor.ndim == 1:
             return Whitening(np.append(self.factor, np.ones(count)))
-        factor = np.eye(n + count)
-        factor[:n, :n] = self.factor
-        return Whitening(factor)
+        correction = None if self.correction is None else _with_identity(self.correction, count)
+        return Whitening(_with_identity(self.factor, count), correction)
+
+    def _from_the_left(self, right: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
+        solution = _solved(self.factor, right, transposed=False)
+        return solution if self.correction is None else _solved(self.correction, solution, transposed=False)
+
+
+def _with_identity(matrix: Float[np.ndarray, "n n"], count: int) -> Float[np.ndarray, "k k"]:
+    n = len(matrix)
+    larger = np.eye(n + count)
+    larger[:n, :n] = matrix
+    return larger
 
 
 def validated_metric(metric: ArrayLike, n: int) -> tuple[Metric, Whitening]:
@@ -94,8 +116,9 @@ def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
     symmetric = real_array("metric", M if (M == M.T).all() else 0.5 * M + 0.5 * M.T, 2)
     try:
         factor = np.linalg.cholesky(0.5 * scaled + 0.5 * scaled.T)
+        correction = _correction(symmetric, factor * size[:, None])
     except np.linalg.LinAlgError:
-        factor = np.zeros_like(scaled)
+        factor, correction = np.zeros_like(scaled), None
     pivot = float(factor.diagonal().min()) ** 2
     if not pivot > _LEAST_PIVOT:
         least = float(np.linalg.eigvalsh(0.5 * scaled + 0.5 * scaled.T)[0])
@@ -104,7 +127,26 @@ def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
         )
     factor *= size[:, None]
     factor.flags.writeable = False
-    return symmetric, Whitening(factor)
+    return symmetric, Whitening(factor, correction)
+
+
+def _correction(M: Float[np.ndarray, "n n"], factor: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"] | None:
+    """C of the module's head; LinAlgError where M is not positive definite, though its rounded factor is."""
+    units = balancing_exponents(M.diagonal())
+    M, R = np.ldexp(M, units + units[:, None]), np.ldexp(factor, units[:, None])
+    # 26 bits below 1, in rows of length 1: sums of their products are exact in whatever order.
+    high = np.ldexp(np.rint(np.ldexp(R, 26)), -26)
+    low = R - high
+    mixed = high @ low.T
+    missed = (M - high @ high.T) - (mixed + mixed.T) - low @ low.T
+    relative = _solved(R, _solved(R, missed, transposed=False).T, transposed=False)
+    if not np.isfinite(relative).all():
+        raise np.linalg.LinAlgError
+    if np.abs(relative).max() <= _NEGLIGIBLE:
+        return None
+    correction = np.linalg.cholesky(np.eye(len(M)) + 0.5 * relative + 0.5 * relative.T)
+    correction.flags.writeable = False
+    return correction
 
 
 def _solved(

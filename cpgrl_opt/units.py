@@ -42,6 +42,11 @@ class Units:
             float(_shifted(np.array(kappa), self.force - self.length)),
         )
 
+    def proof(self, y: Multipliers) -> Multipliers:
+        """ỹ of y ≠ 0, up to a factor."""
+        used = self.rows[y != 0.0]
+        return _shifted(y / np.abs(y).max(), self.rows - int(used.max(initial=0)))
+
 
 def in_units(problem: DirectionProblem, direction: Vector | None = None) -> Units:
     """The problem, which has a metric, in its units.
@@ -67,7 +72,7 @@ def in_units(problem: DirectionProblem, direction: Vector | None = None) -> Unit
     object.__setattr__(scaled, "metric", _shifted(M, 2 * columns if M.ndim == 1 else columns + columns[:, None]))
     factor = whitening.factor
     scaled_factor = _shifted(factor, columns if factor.ndim == 1 else columns[:, None])
-    object.__setattr__(scaled, "whitening", Whitening(scaled_factor))
+    object.__setattr__(scaled, "whitening", Whitening(scaled_factor, whitening.correction))
     if problem.radius is not None:
         object.__setattr__(scaled, "radius", float(_shifted(np.array(problem.radius), -length)))
     return Units(scaled, columns, rows, length, force)

@@ -3,8 +3,9 @@
     metric    M = LLᵀ:  min ½‖d′‖² − g′ᵀd′  s.t.  J′d′ ≥ b  in d′ = Lᵀd, g′ = L⁻¹g, J′ = JL⁻ᵀ;  the same μ
     radius    a one-dimensional search over κ, see `ball`
 
-so that the solver itself only ever sees Euclidean problems without a ball. The referee judges each answer anew on the
-problem as it was given. Source: Golub & Van Loan, Matrix Computations, §4.2 (whitening by the Cholesky factor).
+in units where nothing over- or underflows (see `units`), so that the solver itself only ever sees Euclidean problems
+without a ball. The referee judges each answer anew on the problem as it was given. Source: Golub & Van Loan, Matrix
+Computations, §4.2 (whitening by the Cholesky factor).
 """
 
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
+from ..units import Units, in_units
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
 from .infeasibility import FARKAS_TOLERANCE
 from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
@@ -111,32 +113,32 @@ def without_geometry(problem: DirectionProblem) -> DirectionProblem:
 
 def solve_transformed(solve: Solve, problem: DirectionProblem, tolerance: float) -> Direction:
     """The answer of `solve`, a Euclidean cone solver, to a problem with a metric, a radius or both."""
-    flat = euclidean(problem)
-    if not _is_finite(flat):
+    whitened = _Whitened.of(problem)
+    if not _is_finite(whitened.flat):
         return _failed(problem)
     if problem.radius is None:
-        return _mapped_back(problem, solve(flat), tolerance)
-    return _solve_in_ball(solve, problem, flat, tolerance)
+        return _mapped_back(whitened, solve(whitened.flat), tolerance)
+    return _solve_in_ball(solve, whitened, tolerance)
 
 
 def solve_batch_transformed(
     solve: Solve, batch: Callable[[ProblemBatch], DirectionBatch], problems: ProblemBatch, tolerance: float
 ) -> DirectionBatch:
     """As one by one; without radii the whitened problems are solved together."""
-    members = list(problems)
-    flat = [euclidean(problem) for problem in members]
+    members = [_Whitened.of(problem) for problem in problems]
+    flat = [each.flat for each in members]
     if problems.radius is not None or not all(_is_finite(each) for each in flat):
-        return DirectionBatch.stack([solve_transformed(solve, problem, tolerance) for problem in members])
+        return DirectionBatch.stack([solve_transformed(solve, each.given, tolerance) for each in members])
     answers = batch(
         ProblemBatch.trusted(
             np.stack([each.gradient for each in flat]),
             np.stack([each.jacobian for each in flat]),
-            problems.bound,
+            np.stack([each.bound for each in flat]),
             problems.equality,
         )
     )
     return DirectionBatch.stack(
-        [_mapped_back(problem, answer, tolerance) for problem, answer in zip(members, answers, strict=True)]
+        [_mapped_back(each, answer, tolerance) for each, answer in zip(members, answers, strict=True)]
     )
 
 
@@ -156,29 +158,30 @@ def judged_in_geometry(problem: DirectionProblem, found: Direction, tolerance: f
 
 def polished_in_geometry(problem: DirectionProblem, found: Direction) -> Direction:
     """The best of an answer and the exact ones on the face that it names, as the referee has it."""
-    flat = euclidean(problem)
-    value = found.value if problem.whitening is None else problem.whitening.direction(found.value)
+    whitened = _Whitened.of(problem)
+    flat, named = whitened.flat, whitened.inside(found)
     candidates = [found]
-    if not _is_finite(flat) or not np.isfinite(value).all():
+    if not _is_finite(flat) or not np.isfinite(named.value).all():
         return found
     if problem.radius is not None:
-        units = _BallUnits.of(problem, flat)
+        units = _BallUnits.of(whitened.problem, flat)
         if units is not None:
-            named = units.to_ball(replace(found, value=value))
-            candidates += [_unwhitened(problem, units.from_ball(each)) for each in on_named_face(units.ball, named)]
+            faces = on_named_face(units.ball, units.to_ball(named))
+            candidates += [whitened.outside(units.from_ball(each)) for each in faces]
     else:
         scaled = scale_problem(flat)
         if 0.0 < scaled.scale < np.inf:
-            weights = scaled.unit.times_length(found.multipliers, scaled.scale)[scaled.kept]
-            for d, mu in polished(scaled, value / scaled.scale, weights):
+            weights = scaled.unit.times_length(named.multipliers, scaled.scale)[scaled.kept]
+            for d, mu in polished(scaled, named.value / scaled.scale, weights):
                 exact = Direction(d * scaled.scale, scaled.original_multipliers(mu), found.status)
-                candidates.append(_unwhitened(problem, exact))
+                candidates.append(whitened.outside(exact))
     best = min(candidates, key=lambda candidate: kkt_residuals(problem, candidate).worst)
     return replace(best, status=found.status, iterations=found.iterations)
 
 
-def _solve_in_ball(solve: Solve, problem: DirectionProblem, flat: DirectionProblem, tolerance: float) -> Direction:
-    units = _BallUnits.of(problem, flat)
+def _solve_in_ball(solve: Solve, whitened: "_Whitened", tolerance: float) -> Direction:
+    problem = whitened.problem
+    units = _BallUnits.of(problem, whitened.flat)
     if units is None:
         return _failed(problem)
     found = units.from_ball(solve_in_unit_ball(solve, units.ball))
@@ -186,7 +189,44 @@ def _solve_in_ball(solve: Solve, problem: DirectionProblem, flat: DirectionProbl
     if impossible.any():
         proof = np.where(impossible, np.sign(problem.bound), 0.0)
         found = replace(found, multipliers=proof, status=Status.INFEASIBLE, radius_multiplier=0.0)
-    return _mapped_back(problem, found, tolerance)
+    return _mapped_back(whitened, found, tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """A problem as it was given, in its units (None: its own), and in the coordinates where M = I, without its ball."""
+
+    given: DirectionProblem
+    units: Units | None
+    flat: DirectionProblem
+
+    @classmethod
+    def of(cls, problem: DirectionProblem) -> "_Whitened":
+        """Units are for a metric: without one nothing is multiplied."""
+        units = None if problem.metric is None else in_units(problem)
+        return cls(problem, units, euclidean(problem if units is None else units.problem))
+
+    @property
+    def problem(self) -> DirectionProblem:
+        """The problem in its units."""
+        return self.given if self.units is None else self.units.problem
+
+    def inside(self, found: Direction) -> Direction:
+        """d′ = Lᵀd, in units."""
+        numbers = (found.value, found.multipliers, found.radius_multiplier)
+        value, multipliers, kappa = numbers if self.units is None else self.units.inside(*numbers)
+        whitening = self.problem.whitening
+        value = value if whitening is None else whitening.direction(value)
+        return Direction(value, multipliers, found.status, found.iterations, kappa)
+
+    def outside(self, answer: Direction) -> Direction:
+        """d = L⁻ᵀd′, out of units."""
+        value, whitening = np.asarray(answer.value, dtype=np.float64), self.problem.whitening
+        value = value if whitening is None else whitening.original(value)
+        multipliers = np.asarray(answer.multipliers, dtype=np.float64)
+        numbers = (value, multipliers, float(getattr(answer, "radius_multiplier", 0.0)))
+        value, multipliers, kappa = numbers if self.units is None else self.units.outside(*numbers)
+        return Direction(value, multipliers, Status(answer.status), getattr(answer, "iterations", 0), kappa)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,24 +272,12 @@ class _BallUnits:
         return BallAnswer(found.value / self.radius, multipliers, found.radius_multiplier * self.radius / force)
 
 
-def _mapped_back(problem: DirectionProblem, answer: Direction, tolerance: float) -> Direction:
+def _mapped_back(whitened: _Whitened, answer: Direction, tolerance: float) -> Direction:
     """What `solve` claims of the whitened problem, as an answer to the problem itself; only its OPTIMAL may stand."""
-    found = _unwhitened(problem, answer)
+    found = whitened.outside(answer)
     if found.status == Status.UNCERTIFIED and np.isfinite(found.value).all():
         return found
-    return judged_in_geometry(problem, found, tolerance)
-
-
-def _unwhitened(problem: DirectionProblem, answer: Direction) -> Direction:
-    """d = L⁻ᵀd′."""
-    value = np.asarray(answer.value, dtype=np.float64)
-    return Direction(
-        value if problem.whitening is None else problem.whitening.original(value),
-        answer.multipliers,
-        Status(answer.status),
-        getattr(answer, "iterations", 0),
-        float(getattr(answer, "radius_multiplier", 0.0)),
-    )
+    return judged_in_geometry(whitened.given, found, tolerance)
 
 
 def _failed(problem: DirectionProblem, iterations: int = 0) -> Direction:
@@ -257,7 +285,9 @@ def _failed(problem: DirectionProblem, iterations: int = 0) -> Direction:
 
 
 def _is_finite(problem: DirectionProblem) -> bool:
-    return bool(np.isfinite(problem.gradient).all() and np.isfinite(problem.jacobian).all())
+    bound = np.where(problem.equality, np.abs(problem.bound), problem.bound)
+    parts = (np.isfinite(problem.gradient), np.isfinite(problem.jacobian), bound < np.inf)
+    return all(bool(part.all()) for part in parts)
 
 
 def _tolerance(solver: Any) -> float:

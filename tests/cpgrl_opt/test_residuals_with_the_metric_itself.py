@@ -88,3 +88,37 @@ def test_a_gradient_that_whitening_would_underflow_is_still_climbed(metric):
     down, up = (Direction(np.array([d]), np.zeros(0), Status.OPTIMAL, 0, 1e-330) for d in (-1e-30, 1e-30))
     assert kkt_residuals(problem, down).worst >= 0.5
     assert kkt_residuals(problem, up).primal <= 1e-15
+
+
+@pytest.mark.parametrize("radius", [None, 0.7])
+@pytest.mark.parametrize("exponent", [8, 10, 12])
+def test_answers_are_certified_in_ill_conditioned_metrics_and_exact_rationals_agree(exponent, radius):
+    for seed in range(6):
+        problem = ill_conditioned(seed, exponent, m=seed % 2, radius=radius)
+        answer = ACTIVE_SET.solve(problem)
+        assert answer.status == Status.OPTIMAL
+        assert exact_stationarity(problem, answer) <= 1e-9
+
+
+def test_the_factors_of_a_metric_are_the_metric_and_not_its_rounding():
+    """RC(RC)ᵀ − M in exact rationals, where M = I."""
+    for seed in range(3):
+        problem = ill_conditioned(seed, 11)
+        M, R, C = (
+            rational(each)
+            for each in (problem.metric, problem.whitening.factor, problem.whitening.extended(0).correction)
+        )
+        L = R @ C
+        missed = solved(M, M - L @ L.T).astype(float)
+        assert np.abs(np.linalg.eigvals(missed)).max() <= 1e-10
+        assert np.abs(np.linalg.eigvals(solved(M, M - R @ R.T).astype(float))).max() >= 1e-8
+
+
+def test_solvers_see_rows_and_gradients_that_whitening_would_underflow():
+    for metric in ([1e60, 1e60], 1e60 * np.eye(2)):
+        problem = DirectionProblem([-1.0, 0.0], [[1e-295, 0.0]], metric=metric)
+        for answer in (ACTIVE_SET.solve(problem), ACTIVE_SET.solve_batch([problem, problem])[1]):
+            assert answer.status == Status.OPTIMAL
+            np.testing.assert_array_equal(answer.value, [0.0, 0.0])
+    climbing = ACTIVE_SET.solve(DirectionProblem([1e-300], np.zeros((0, 1)), metric=[1e60], radius=1.0))
+    assert climbing.status != Status.OPTIMAL or climbing.value[0] == pytest.approx(1e-30)
