@@ -175,7 +175,7 @@ def _residuals_in_full_metric(problem: DirectionProblem, d: Vector, mu: Multipli
     mu, slack = exact.rows.times_length(mu, gamma), exact.slack / unit
     if not (np.isfinite(mu).all() and np.isfinite(exact.residual) and np.isfinite(force)):
         return _HOPELESS
-    allowance = min(8 * _EPS * (float(np.abs(mu).sum()) + abs(force)), 1e-5)
+    allowance = min(8 * _EPS * (_total(mu) + abs(force)), _ALLOWED)
     return KKTResiduals(
         stationarity=max(exact.residual / gamma - allowance, 0.0),
         primal=max(_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))), -room, 0.0),
