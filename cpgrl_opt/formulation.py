@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Bool, Float
+from .arrays import Bool, Float, Int
 from .problem import ProblemBatch
+
+_LARGEST_EXPONENT = 400  # as `step_kernels.admit` has it
 
 
 @cache
@@ -29,11 +31,15 @@ def step_kernels() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class ActiveConstraints:
-    """B linearized problems before a formulation: Δ¹ and the rows of J, the target t ≥ 0, and the active set."""
+    """B linearized problems before a formulation: Δ¹ and the rows of J, the target t ≥ 0, and the active set.
+
+    exponents: rows were divided by 2 to these, None where none was.
+    """
 
     gradients: Float[np.ndarray, "B channels n"]
     target: Float[np.ndarray, "B m"]
     active: Bool[np.ndarray, "B m"]
+    exponents: Int[np.ndarray, "B m"] | None = None
 
     @property
     def jacobian(self) -> Float[np.ndarray, "B m n"]:
@@ -42,18 +48,27 @@ class ActiveConstraints:
 
     def rows(self, chosen: Bool[np.ndarray, "B"]) -> "ActiveConstraints":
         """The same for some of the runs."""
-        return ActiveConstraints(self.gradients[chosen], self.target[chosen], self.active[chosen])
+        exponents = None if self.exponents is None else self.exponents[chosen]
+        return ActiveConstraints(self.gradients[chosen], self.target[chosen], self.active[chosen], exponents)
 
     def balanced(self) -> "ActiveConstraints":
-        """Rows and targets over a power of two that leaves the largest entry of each row in ½ … 1.
+        """Rows beyond 2^±400 and their targets over a power of two that leaves the row's largest entry in ½ … 1.
 
-        Nothing changes but the rows' multipliers t/‖Jᵢ‖², which leave float64 for rows beyond 1e±150.
+        Nothing changes but these rows' multipliers t/‖Jᵢ‖², which leave float64 for rows beyond 1e±150.
         """
         jacobian = self.jacobian
         _, exponents = np.frexp(np.abs(jacobian).max(axis=2, initial=0.0))
+        exponents = np.where(np.abs(exponents) < _LARGEST_EXPONENT, 0, exponents)
         gradients = self.gradients.copy()
         gradients[:, 1:] = np.ldexp(jacobian, -exponents[:, :, None])
-        return replace(self, gradients=gradients, target=np.ldexp(self.target, -exponents))
+        return replace(self, gradients=gradients, target=np.ldexp(self.target, -exponents), exponents=exponents)
+
+    def original(self, multipliers: Float[np.ndarray, "B m"]) -> Float[np.ndarray, "B m"]:
+        """Multipliers of the rows as they were given; ±inf where they leave float64."""
+        if self.exponents is None:
+            return multipliers
+        with np.errstate(over="ignore", under="ignore"):
+            return np.asarray(np.ldexp(multipliers, -self.exponents))
 
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""

@@ -318,7 +318,9 @@ class _Run:
     ) -> tuple[Bool[np.ndarray, "B"], Int[np.ndarray, "B"]]:
         """Whether a run has a positive λᵢ‖Jᵢ‖ in 𝒜, and which of them is the largest; or the largest λᵢ of them."""
         harm, positive = self.harmful(constraints, multipliers)
-        values = np.where(positive, -multipliers if self.settings.raw_multipliers else harm, -np.inf)
+        if self.settings.raw_multipliers:
+            harm = -constraints.original(multipliers)
+        values = np.where(positive, harm, -np.inf)
         largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
         return np.asarray(positive.any(axis=1)), largest
 

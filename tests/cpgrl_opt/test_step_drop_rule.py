@@ -45,3 +45,13 @@ def test_rosens_drop_rule_does_not_obey_rounding_either(raw):
         rows = np.random.default_rng(seed).standard_normal((2, 4))
         answer = RosenDrop(raw_multipliers=raw).solve(DirectionProblem(-rows[0], rows))
         assert (answer.status, answer.iterations) == (Status.OPTIMAL, 0)
+
+
+def test_raw_multipliers_are_those_printed_whatever_rows_stand_beside():
+    """λ₁ = 1 and λ₂ = 0.1, λ₂‖J₂‖ = 10; or a row of 1e-200, whose λ is 1e200."""
+    ordinary, tiny = [[1.02, 10.2], [1.0, 0.2], [0.2, 100.0]], [[1.0, 1.0], [1e-200, 0.0], [0.0, 1.0]]
+    step = ConstrainedStep(raw_multipliers=True, step_size=1.0, restoration_rate=0.0)
+    values = np.array([0.0, -1.0, -1.0])
+    together = step(Linearization([values, values], [ordinary, tiny]), [0.0, 0.0]).change
+    np.testing.assert_array_equal(together[0], step(Linearization(values, ordinary), [0.0, 0.0]).change)
+    np.testing.assert_allclose(together[1], [1.0, 0.0], atol=1e-15)  # λ = (1e200, 1): the first goes
