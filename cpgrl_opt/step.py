@@ -207,7 +207,7 @@ class _Run:
         still, any_still = self.vanishes(tangent, constraints)
         if (any_still or settings.drop == "always") and settings.formulation == "equality":
             if settings.drop != "never":
-                self.drop(constraints, tangent, restoration, multipliers)
+                tangent, restoration, multipliers = self.drop(constraints, tangent, restoration, multipliers)
                 still, any_still = self.vanishes(tangent, constraints)
             if any_still:
                 still &= ~self.harmful(constraints, multipliers)[1].any(axis=1)
@@ -296,8 +296,10 @@ class _Run:
         tangent: np.ndarray,
         restoration: np.ndarray | None,
         multipliers: np.ndarray,
-    ) -> None:
-        """𝒜 ← 𝒜 without argmax λᵢ, until the rule is content; P and d are built anew, in place. Source: §2.3."""
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+        """𝒜 ← 𝒜 without argmax λᵢ, until the rule is content; P and d are built anew. Source: §2.3."""
+        tangent, multipliers = tangent.copy(), multipliers.copy()  # an observer may have kept the answers
+        restoration = None if restoration is None else restoration.copy()
         active = constraints.active.copy()
         for _ in range(active.shape[1]):
             positive, largest = self.largest_multiplier(replace(constraints, active=active), multipliers)
@@ -305,13 +307,14 @@ class _Run:
                 positive = positive & self.vanishes(tangent, constraints)[0]
             chosen = np.flatnonzero(positive)
             if not chosen.size:
-                return
+                break
             active[chosen, largest[chosen]] = False
             self.counts["dropped"][chosen] += 1
             fewer = replace(constraints, active=active).rows(positive)
             tangent[chosen], again, multipliers[chosen] = self.solve(fewer, chosen)
             if restoration is not None:
                 restoration[chosen] = again
+        return tangent, restoration, multipliers
 
     def largest_multiplier(
         self, constraints: ActiveConstraints, multipliers: np.ndarray

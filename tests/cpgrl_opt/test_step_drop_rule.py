@@ -55,3 +55,11 @@ def test_raw_multipliers_are_those_printed_whatever_rows_stand_beside():
     together = step(Linearization([values, values], [ordinary, tiny]), [0.0, 0.0]).change
     np.testing.assert_array_equal(together[0], step(Linearization(values, ordinary), [0.0, 0.0]).change)
     np.testing.assert_allclose(together[1], [1.0, 0.0], atol=1e-15)  # λ = (1e200, 1): the first goes
+
+
+def test_an_observer_keeps_what_it_saw():
+    climbing, seen = Linearization([0.0, -1.0], [[0.0, 1.0], [0.0, 1.0]]), []
+    result = ConstrainedStep()(climbing, [0.0], observe=lambda _, answers: seen.append((answers, answers.value.copy())))
+    assert result.counts["dropped"] == 1
+    for answers, value in seen:
+        np.testing.assert_array_equal(answers.value, value)
