@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep, DirectionProblem, Linearization, Status
+from cpgrl_opt import ConstrainedStep, Direction, DirectionProblem, Linearization, Status
 from cpgrl_opt.solvers import RosenDrop
 
 GEOMETRIES = [{}, {"metric": [2.0, 0.5, 1.0, 3.0]}, {"ridge": 1e-300}]
@@ -63,3 +63,16 @@ def test_an_observer_keeps_what_it_saw():
     assert result.counts["dropped"] == 1
     for answers, value in seen:
         np.testing.assert_array_equal(answers.value, value)
+
+
+class Forceful:
+    """Right, but that it names a force where g and d vanish: nothing to measure it by."""
+
+    def solve(self, problem):
+        return Direction(np.zeros(problem.n), np.full(problem.m, -5.0), Status.OPTIMAL)
+
+
+def test_where_the_objective_is_flat_no_multiplier_drops_a_constraint():
+    flat = Linearization([0.0, 0.0], [[0.0, 0.0], [1.0, 0.0]])
+    result = ConstrainedStep(solver=Forceful())(flat, [0.0])
+    assert (result.counts["dropped"], bool(result.stationary)) == (0, True)
