@@ -115,6 +115,6 @@ FORMULATIONS = {
 }
 
 
-def least_norm_restorations(constraints: ActiveConstraints) -> ProblemBatch:
-    """v = J⁺ t on the active rows: argmin ½‖v‖² s.t. J v = t. Source: eq. 10, v = −d."""
-    return FORMULATIONS["equality"].problems(constraints, 0.0)[len(constraints.target) :]
+def least_norm_restorations(constraints: ActiveConstraints, formulation: str = "equality") -> ProblemBatch:
+    """v = J⁺ t on the active rows: argmin ½‖v‖² s.t. J v = t; J v ≥ t for "cone". Source: eq. 10, v = −d."""
+    return FORMULATIONS[formulation].problems(constraints, 0.0)[len(constraints.target) :]

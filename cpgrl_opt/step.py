@@ -69,7 +69,8 @@ class ConstrainedStep:
         positive; "always", whether PΔ¹ = 0 or not; "never". raw_multipliers compares λᵢ instead, as printed.
     ridge ε ≥ 0: softens the constraints, (JJᵀ + εI)⁻¹ in P and d; in the squared unit of a gradient. Ours.
     max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ (in the
-        metric's where there is one). Ours.
+        metric's where there is one). Where rows depend, J⁺ answers by least squares and may be much shorter than the v
+        of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone` and in `restoring`, where that v is inside. Ours.
     metric M: (n,) positive or (n, n) symmetric positive definite: s, v and their lengths are taken in it (a natural
         gradient where M is the Fisher matrix). radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹
         projected; with `restoring` this is constrained policy optimization (Achiam et al. 2017). Restorations v know
@@ -212,6 +213,8 @@ class _Run:
             if any_still:
                 still &= ~self.harmful(constraints, multipliers)[1].any(axis=1)
         change = settings.step_size * tangent
+        if restoration is not None and settings.max_restoration < np.inf and settings.formulation == "cone":
+            restoration = restoration * self.shortening(restoration, n)[:, None]  # J v ≥ t: v is as long as t is
         if restoration is not None:
             change += settings.restoration_rate * restoration
         if self.any_skipped:
@@ -231,18 +234,31 @@ class _Run:
         return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 
     def capped(self, constraints: ActiveConstraints, n: int) -> ActiveConstraints:
-        """t shortened so that ‖αₑ J⁺ t‖ ≤ max_restoration in the n parameters; what a ridge adds to them moves no θ."""
-        problems = least_norm_restorations(constraints)
+        """t shortened so that αₑ‖J⁺t‖, and in `restoring` αₑ‖v‖ with the v of `cone`, are ≤ max_restoration."""
+        factor = self.shortening(self.measured(Rosen(), least_norm_restorations(constraints)), n)
+        if self.settings.formulation == "restoring":
+            v = self.measured(ActiveSet(), least_norm_restorations(constraints, "cone"))
+            factor = np.minimum(factor, self.shortening(v, n))
+        return replace(constraints, target=constraints.target * factor[:, None])
+
+    def measured(self, solver: DirectionSolver, problems: ProblemBatch) -> Float[np.ndarray, "B n"]:
+        """The restorations, to be measured; a failure is treated as one of the step's own."""
         if self.geometry is not None:
             problems = self.geometry.restoration(problems)
-        move = solve_batch(Rosen(), problems).value
-        move[:, n:] = 0.0
-        size = lengths(move) if self.geometry is None else self.geometry.lengths(move)
+        answers = solve_batch(solver, problems)
+        if (answers.status > Status.INFEASIBLE).any():
+            answers = self.mended(problems, answers, np.arange(len(answers)))
+        return answers.value
+
+    def shortening(self, moves: Float[np.ndarray, "B any"], n: int) -> Float[np.ndarray, "B"]:
+        """The factor ≤ 1 with αₑ‖v‖ ≤ max_restoration in the n parameters; what a ridge adds to them moves no θ."""
+        moves = moves.copy()
+        moves[:, n:] = 0.0
+        size = lengths(moves) if self.geometry is None else self.geometry.lengths(moves)
         length = self.settings.restoration_rate * size
         too_long = length > self.settings.max_restoration
-        self.counts["capped"] += too_long
-        factor = np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
-        return replace(constraints, target=constraints.target * factor[:, None])
+        self.counts["capped"] |= too_long
+        return np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
 
     def solve(
         self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]
@@ -269,12 +285,15 @@ class _Run:
         if self.observe is not None:
             self.observe(problems, answers)
         if np.count_nonzero(answers.status):
-            answers = self.mended(problems, answers, np.resize(runs, len(answers)))
+            members = np.resize(runs, len(answers))
+            answers = self.mended(problems, answers, members)
+            np.add.at(self.counts["infeasible"], members[answers.status == Status.INFEASIBLE], 1)
         return answers
 
     def mended(
         self, problems: ProblemBatch, answers: DirectionBatch, runs: Int[np.ndarray, "problems"]
     ) -> DirectionBatch:
+        """The failures handed on."""
         failed = answers.status > Status.INFEASIBLE
         if failed.any() and self.settings.on_failure == "raise":
             raise DirectionError(str(Status(int(answers.status[failed][0]))))
@@ -284,7 +303,6 @@ class _Run:
             answers = answers.replaced(failed, again)
             if self.observe is not None:
                 self.observe(problems.chosen(failed), again)
-        np.add.at(self.counts["infeasible"], runs[answers.status == Status.INFEASIBLE], 1)
         skipped = runs[answers.status > Status.INFEASIBLE]
         self.counts["skipped"][skipped] = 1
         self.any_skipped = self.any_skipped or skipped.size > 0
