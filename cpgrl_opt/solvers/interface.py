@@ -108,7 +108,10 @@ class LoopsOverBatches:
 
     def solve_batch(self: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """B problems of one shape, one after the other."""
-        return DirectionBatch.stack([self.solve(problem) for problem in ProblemBatch.stack(problems)])
+        stacked = ProblemBatch.stack(problems)
+        if len(stacked) == 0:
+            return no_answers(stacked)
+        return DirectionBatch.stack([self.solve(problem) for problem in stacked])
 
 
 class MissingPackageError(ImportError):
@@ -161,8 +164,11 @@ def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
     """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop.
 
-    A problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises.
+    A problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises. Of a batch of
+    no problems it is not asked.
     """
+    if len(problems) == 0:
+        return no_answers(problems)
     batch: Callable[[Any], DirectionBatch] | None = getattr(solver, "solve_batch", None)
     if batch is not None and getattr(solver, "declines_by_itself", False):
         return batch(problems)
@@ -176,6 +182,13 @@ def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[Direc
     if not taken.any():
         return answers
     return answers.replaced(taken, batch(ProblemBatch.stack(problems).chosen(taken)))
+
+
+def no_answers(problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+    """The answers to a batch of no problems; ValueError for a sequence of none, which has no shape."""
+    none = ProblemBatch.stack(problems)
+    zeros = np.zeros(0, np.int64)
+    return DirectionBatch(np.zeros(none.gradient.shape), np.zeros(none.bound.shape), zeros, zeros.copy())
 
 
 def unsupported(problem: DirectionProblem) -> Direction:

@@ -20,7 +20,7 @@ from cpgrl_opt import (
     Status,
     kkt_residuals,
 )
-from cpgrl_opt.solvers import ActiveSet
+from cpgrl_opt.solvers import ActiveSet, WithGeometry
 
 FORMULATION_NAMES = ["equality", "cone", "restoring"]
 LINEARIZATION = Linearization([0.0, -1.0, -0.5], [[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 1.0, 1.0]])
@@ -181,3 +181,14 @@ def test_a_subclass_of_a_solver_of_ours_is_put_before_the_referee():
     result = ConstrainedStep(solver=SubclassOfOurs())(LINEARIZATION, THRESHOLDS)
     np.testing.assert_array_equal(result.change, ConstrainedStep()(LINEARIZATION, THRESHOLDS).change)
     assert result.counts["fallback"] == 2
+
+
+@pytest.mark.parametrize("settings", [{}, {"radius": 1.0}, {"metric": [1.0, 2.0]}, {"max_restoration": 1.0}])
+@pytest.mark.parametrize("solver", ["active-set", "nnls", "rosen-drop", Honest()], ids=str)
+def test_no_runs_are_no_changes(solver, settings):
+    if isinstance(solver, Honest) and {"radius", "metric"} & settings.keys():
+        solver = WithGeometry(solver)
+    for formulation in FORMULATION_NAMES:
+        step = ConstrainedStep(solver=solver, formulation=formulation, **settings)
+        result = step(Linearization(np.zeros((0, 3)), np.zeros((0, 3, 2))), THRESHOLDS)
+        assert (result.change.shape, result.stationary.shape) == ((0, 2), (0,))
