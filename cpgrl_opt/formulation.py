@@ -94,7 +94,7 @@ class Formulation:
         batch = ProblemBatch.trusted(
             np.empty((count, n)), np.empty((count, m, n)), np.empty((count, m)), np.empty((count, m), np.bool_)
         )
-        step_kernels().fill_problems(
+        is_finite = step_kernels().fill_problems(
             constraints.gradients,
             constraints.target,
             constraints.active,
@@ -105,6 +105,11 @@ class Formulation:
             batch.bound,
             batch.equality,
         )
+        if not is_finite:
+            raise ValueError(
+                "slack, times restoration_rate / step_size where the restoration is inside, should be finite in units "
+                "of its constraint's gradient; found one that overflows"
+            )
         return batch
 
 

@@ -113,6 +113,11 @@ class ConstrainedStep:
         require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
         if self.formulation == "restoring" and self.step_size == 0:
             raise ValueError("step_size should be > 0 with formulation 'restoring', which divides by it; found 0")
+        if self.formulation == "restoring" and not float(self.restoration_rate) / float(self.step_size) < np.inf:
+            raise ValueError(
+                "restoration_rate / step_size should be finite with formulation 'restoring'; found "
+                f"{self.restoration_rate!r} / {self.step_size!r}"
+            )
         geometry = StepGeometry.of(self.metric, self.radius)
         if geometry is not None and not getattr(self.solver, "takes_geometry", False):
             raise ValueError(
@@ -140,8 +145,9 @@ class ConstrainedStep:
         channels, n = linearization.gradients.shape[-2:]
         require_shape("thresholds", limits, (channels - 1,))
         slack = linearization.slack(limits)
-        if not is_finite(slack):  # the linearization is finite, so the thresholds are not
+        if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
+            raise ValueError("values − thresholds should be finite; found one that overflows")
         if previous is not None:
             require_shape("previous", np.asarray(previous), slack.shape)
         active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]

@@ -42,15 +42,16 @@ def admit(gradients: Any, slack: Any, active: Any, target: Any, kept: Any, flat:
     return any_flat, extreme
 
 
-@_kernel(_CUBE, _MATRIX, _MASK, "boolean", "float64", _MATRIX, _CUBE, _MATRIX, _MASK)
+@_kernel(_CUBE, _MATRIX, _MASK, "boolean", "float64", _MATRIX, _CUBE, _MATRIX, _MASK, returns="boolean")
 def fill_problems(
     gradients: Any, target: Any, active: Any, is_equality: bool, inside: float, g: Any, J: Any, b: Any, equality: Any
-) -> None:
+) -> Any:
     """Tangent problems with bound inside·target; then, where outputs have room, restorations: gradient 0, bound target.
 
-    Rows that are not active are inequalities with bound −∞.
+    Rows that are not active are inequalities with bound −∞. Returns whether all other bounds are finite.
     """
     runs, m = active.shape
+    finite = True
     for k in range(len(g)):
         run, is_tangent = k % runs, k < runs
         for j in range(g.shape[1]):
@@ -62,6 +63,8 @@ def fill_problems(
             equality[k, i] = is_equality and active[run, i]
             if active[run, i]:
                 b[k, i] = inside * target[run, i] if is_tangent else target[run, i]
+                finite = finite and b[k, i] < float("inf")
+    return finite
 
 
 @_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]", returns="boolean")

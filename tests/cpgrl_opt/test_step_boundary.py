@@ -192,3 +192,20 @@ def test_no_runs_are_no_changes(solver, settings):
         step = ConstrainedStep(solver=solver, formulation=formulation, **settings)
         result = step(Linearization(np.zeros((0, 3)), np.zeros((0, 3, 2))), THRESHOLDS)
         assert (result.change.shape, result.stationary.shape) == ((0, 2), (0,))
+
+
+def test_settings_whose_quotient_overflows_are_refused_by_their_names():
+    with pytest.raises(ValueError, match="restoration_rate / step_size should be finite"):
+        ConstrainedStep(formulation="restoring", step_size=1e-300, restoration_rate=1e300)
+
+
+@pytest.mark.parametrize(
+    ("settings", "value", "threshold", "message"),
+    [
+        ({}, -1.7e308, 1.7e308, "values − thresholds should be finite"),
+        ({"formulation": "restoring", "step_size": 1e-200}, -1e200, 0.0, "slack, times restoration_rate / step_size"),
+    ],
+)
+def test_a_slack_that_overflows_is_refused_by_its_name(settings, value, threshold, message):
+    with np.errstate(over="ignore"), pytest.raises(ValueError, match=message):
+        ConstrainedStep(**settings)(Linearization([0.0, value], [[1.0], [1.0]]), [threshold])
