@@ -1,5 +1,6 @@
 """What a direction solver is, and how to ask one that declares little."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
@@ -18,6 +19,7 @@ from ..kkt import (
 from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
+LARGEST_TOLERANCE = 1e-3  # residuals are relative: at 1, d = g with μ = 0 passes for an optimum everywhere
 # A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
 _FAR = 100.0
 
@@ -26,7 +28,7 @@ _FAR = 100.0
 class DirectionSolver(Protocol):
     """A frozen dataclass of settings with one method. Third parties need not import this.
 
-    Optional attributes: `tolerance` (the worst KKT residual of an OPTIMAL answer; 1e-6 is assumed),
+    Optional attributes: `tolerance` (the worst KKT residual of an OPTIMAL answer, ≤ 1e-3; 1e-6 is assumed),
     `supports(problem) -> bool` (undeclared: equalities, cone and bounds), `solve_batch(problems)`,
     `guarantee` and `source` (one line each, for the table of solvers), `takes_geometry` (True: problems with a metric
     or a radius too; `WithGeometry(solver)` makes any solver take them), `declines_by_itself` (True: its `solve_batch`
@@ -144,8 +146,15 @@ class UnusablePackageError(MissingPackageError):
 
 
 def tolerance_of(solver: DirectionSolver) -> float:
-    """The worst KKT residual that the solver allows an OPTIMAL answer."""
-    return float(getattr(solver, "tolerance", DEFAULT_TOLERANCE))
+    """The worst KKT residual that the solver allows an OPTIMAL answer; ValueError unless in (0, 1e-3]."""
+    declared: Any = getattr(solver, "tolerance", DEFAULT_TOLERANCE)
+    try:
+        tolerance = float(declared)
+    except (TypeError, ValueError):
+        tolerance = math.nan
+    if not 0 < tolerance <= LARGEST_TOLERANCE:
+        raise ValueError(f"tolerance should be a number in (0, {LARGEST_TOLERANCE:g}]; found {declared!r}")
+    return tolerance
 
 
 def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:

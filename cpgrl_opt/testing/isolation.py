@@ -160,11 +160,12 @@ def _serve_quietly(order: Order, checks: Sequence[str], connection: Connection, 
 def _serve(order: Order, checks: Sequence[str], send: Callable[[Message], None]) -> None:
     try:
         subject = load_subject(order.target)
+        tolerance = _declared_tolerance(order, subject)
         _require_packages(order, subject)
     except CannotCheck as error:
         send(Refused(error.message, error.traceback))
         return
-    send(Ready(tolerance_of(subject.solver), subject.imports, subject.expression))
+    send(Ready(tolerance, subject.imports, subject.expression))
     reasons = dict(order.expected)
     for name in checks:
         result = check_law(
@@ -176,6 +177,14 @@ def _serve(order: Order, checks: Sequence[str], send: Callable[[Message], None])
             spelled=(subject.imports, subject.expression),
         )
         send(result)
+
+
+def _declared_tolerance(order: Order, subject: Subject) -> float:
+    """CannotCheck where the laws would be put to the solver with a tolerance that is none."""
+    try:
+        return tolerance_of(subject.solver)
+    except ValueError as error:
+        raise CannotCheck(f"{order.target}: {error}") from error
 
 
 def _require_packages(order: Order, subject: Subject) -> None:

@@ -135,8 +135,9 @@ def check_direction_solver(
     max_examples: problems a check. seed: the same seed draws the same problems. checks: names, all if None.
     A check fails when the law breaks once, when the solver declines more than 5 % (and more than one) of the problems
     that float64 determines, or when it ran on none although the solver declares to take some.
-    Raises ValueError for names of checks that do not exist.
+    Raises ValueError for names of checks that do not exist, and where `tolerance_of(solver)` does.
     """
+    tolerance = tolerance_of(solver)
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):
         require_member("check", name, tuple(LAWS))
@@ -145,7 +146,7 @@ def check_direction_solver(
         for law in LAWS.values()
         if checks is None or law.name in checks
     )
-    return Verdict(_solver_name(solver), tolerance_of(solver), max_examples, seed, results)
+    return Verdict(_solver_name(solver), tolerance, max_examples, seed, results)
 
 
 def check_law(
@@ -161,6 +162,7 @@ def check_law(
 
     spelled: statements and the expression by which a counterexample gets the solver; else it is left to the reader.
     """
+    tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
     if not law.applies_to(solver):
         return CheckResult(law.name, law.statement, supported=False)
     found = examine(law, solver, max_examples=max_examples, number=seed)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,6 +120,12 @@ def test_slack_never_pushes_towards_the_boundary():
     for formulation in ("equality", "cone", "restoring"):
         step = plain(formulation=formulation, rule=partial(violated, margin=1.0))
         assert step(linearization, [0.0]).change[1] >= 0.0
+
+
+def test_a_solver_whose_tolerance_lets_anything_pass_makes_no_step():
+    lenient = SimpleNamespace(solve=lambda p: Direction(p.gradient, np.zeros(p.m), Status.OPTIMAL), tolerance=10)
+    with pytest.raises(ValueError, match="tolerance should be a number in"):
+        plain(formulation="cone", solver=lenient)(random_linearization(0, m=2), [10.0, 10.0])
 
 
 def test_a_margin_activates_constraints_up_to_it_and_a_negative_one_is_refused():

@@ -68,6 +68,9 @@ class TakesNothing(Good):
     def supports(self, problem):
         return False
 
+class Lenient(Good):
+    tolerance = 10
+
 class NeedsAnArgument:
     def __init__(self, size):
         pass
@@ -185,6 +188,7 @@ def test_the_options_reach_the_laws(cpgrl_check, monkeypatch):
         ("users_solvers:one_argument", "function should take (gradient, jacobian, bound)"),
         ("users_solvers:NeedsAPackage", "pip install y"),
         ("users_solvers:TakesNothing", "should take some of the laws' problems"),
+        ("users_solvers:Lenient", "users_solvers:Lenient: tolerance should be a number in (0, 0.001]; found 10"),
     ],
 )
 def test_what_cannot_be_checked_exits_with_2_and_one_line(cpgrl_check, target, words):

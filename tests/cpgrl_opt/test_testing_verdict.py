@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
+from cpgrl_opt.published import PUBLISHED
+from cpgrl_opt.solvers import tolerance_of
 from cpgrl_opt.testing import (
     LAWS,
     Case,
@@ -193,6 +195,23 @@ def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
     assert verdict.tolerance == 1e-6
     assert supported_cases(UnitLength()) == list(ALL_CASES)
     assert set(supported_cases(SOLVERS["rosen"])) == {Case.TANGENT, Case.AFFINE, Case.METRIC, Case.RADIUS}
+
+
+@pytest.mark.parametrize("tolerance", [10, 2e-3, 0.0, -1e-6, float("nan"), None, "small"])
+def test_a_declared_tolerance_by_which_anything_is_an_optimum_is_refused(tolerance):
+    """d = g with μ = 0 is within 10 of every optimum."""
+    lenient = SimpleNamespace(solve=lambda p: Direction(p.gradient, np.zeros(p.m), Status.OPTIMAL), tolerance=tolerance)
+    message = rf"tolerance should be a number in \(0, 0\.001\]; found {tolerance!r}"
+    with pytest.raises(ValueError, match=message):
+        check_direction_solver(lenient, max_examples=1)
+    for item in parametrize_with_checks({"lenient": lenient}, max_examples=1).mark.args[1][-3:]:
+        with pytest.raises(ValueError, match=message):
+            item.values[1](lenient)
+
+
+def test_the_largest_tolerance_may_be_declared_and_nothing_shipped_declares_more():
+    assert tolerance_of(SimpleNamespace(solve=None, tolerance=1e-3)) == 1e-3
+    assert {name: tolerance_of(each) for name, each in {**SOLVERS, **PUBLISHED}.items()}
 
 
 def test_declining_now_and_then_is_allowed_and_often_is_not():
