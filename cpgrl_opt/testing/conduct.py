@@ -13,7 +13,7 @@ import numpy as np
 
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, supports
+from ..solvers.interface import DirectionSolver
 from .law import (
     LawBroken,
     NothingClaimed,
@@ -22,6 +22,7 @@ from .law import (
     checked_answer,
     described,
     law,
+    takes,
     varied,
 )
 
@@ -38,7 +39,7 @@ def check_non_finite_is_refused(
     Source: comparisons with NaN are false, so a violated constraint looks met; IEEE 754 §5.11.
     """
     array = getattr(problem, where)
-    if not supports(solver, problem) or array.size == 0 or (where == "bound" and value == -np.inf):
+    if not takes(solver, problem) or array.size == 0 or (where == "bound" and value == -np.inf):
         raise NothingClaimed(Outcome.SKIPPED)
     forged = writable_copy(problem)
     getattr(forged, where).flat[0] = value

@@ -212,25 +212,25 @@ def _announced(law: Law, send: Callable[[Message], None]) -> Law:
 def _lost(order: Order, check: str, loss: str, ready: Ready, trying: Trying | None, tried: int) -> CheckResult:
     """The result of a law on which the process was lost."""
     law, reason = LAWS[check], dict(order.expected).get(check, "")
-    code = ""
+    code, which = "", "It was lost before the law was put to a problem."
     if trying is not None:
+        which = "The problem below is the first such, not the smallest."
         code = counterexample_code(
             law, None, trying.arguments, imports=ready.imports, spelled=ready.expression, remark=f"ends in {loss}"
         )
     return CheckResult(
         law.name,
         law.statement,
-        run=tried,
+        run=max(tried, 1),
         expected=int(bool(reason)),
         failed=int(not reason),
         reason=reason,
-        problem=f"solve should come back with a Direction; found {loss}. The problem below is the first such, not the "
-        "smallest.",
+        problem=f"solve should come back with a Direction; found {loss}. {which}",
         counterexample=code,
     )
 
 
 def _not_run(order: Order, check: str) -> CheckResult:
     law = LAWS[check]
-    problem = f"not run: solve had not come back on {MOST_LOST} laws before."
+    problem = f"not run: the process was lost on {MOST_LOST} laws before."
     return CheckResult(law.name, law.statement, reason=dict(order.expected).get(check, ""), problem=problem)

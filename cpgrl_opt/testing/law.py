@@ -60,9 +60,20 @@ def law(check: Callable[..., None]) -> Callable[..., Outcome]:
     return counted
 
 
+def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
+    """Whether the solver supports the problem; LawBroken where its `supports` raises."""
+    try:
+        return supports(solver, problem)
+    except Exception as error:
+        raise LawBroken(
+            f"supports should say True or False of a valid problem; it raised {type(error).__name__}: {error}"
+            f"{described(problem)}"
+        ) from error
+
+
 def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
     """The solver's answer, of whatever status. LawBroken when it raises or is malformed; skips what is unsupported."""
-    if not supports(solver, problem):
+    if not takes(solver, problem):
         raise NothingClaimed(Outcome.SKIPPED)
     try:
         direction = solver.solve(problem)

@@ -11,11 +11,11 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, supports
+from ..solvers.interface import DirectionSolver
 from . import conduct, honesty, invariance, optimality, projection_laws, sequences
 from .families import feasible_gradients, hostile_problems, well_posed_problems
 from .geometries import constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
-from .law import Outcome, varied
+from .law import Outcome, takes, varied
 from .strategies import (
     ALL_CASES,
     GEOMETRIES,
@@ -77,12 +77,13 @@ def supported_cases(solver: DirectionSolver) -> list[Case]:
     """The cases for which the solver's `supports` takes a small example, the five of constraints if it has none.
 
     A geometry where it takes an example of any constraints that it takes. Where it takes no example at all, those of
-    one row, those in a ball, and those of one row in a ball are tried, and the limits come with the cases.
+    one row, those in a ball, and those of one row in a ball are tried, and the limits come with the cases. Raises
+    LawBroken where `supports` raises.
     """
     limits: tuple[Case, ...]
     for limits in ((), (Case.ONE_ROW,), (Case.BALL,), LIMITS):
         kinds = [case for case in ALL_CASES if case != Case.MIXED or Case.ONE_ROW not in limits]
-        constraints = [case for case in kinds if supports(solver, _example(case, limits))]
+        constraints = [case for case in kinds if takes(solver, _example(case, limits))]
         if constraints:
             examples = [_example(case, limits) for case in constraints]
             return [*constraints, *_supported_geometries(solver, examples, limits), *limits]
@@ -98,7 +99,7 @@ def _supported_geometries(
     return [
         case
         for case, settings in geometries.items()
-        if any(supports(solver, varied(example, **settings)) for example in examples)
+        if any(takes(solver, varied(example, **settings)) for example in examples)
     ]
 
 

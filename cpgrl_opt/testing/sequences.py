@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, supports, tolerance_of
+from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import (
     Answer,
     LawBroken,
@@ -18,6 +18,7 @@ from .law import (
     law,
     length,
     require_at_most,
+    takes,
     whitened,
 )
 from .sensitivity import answers_bound
@@ -30,7 +31,7 @@ def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionPro
     ‖Δd‖ ≤ 2 · `distance_bound`(ε). Problems of one shape; skipped for a solver without solve_batch.
     Source: runs are independent.
     """
-    if not has_batch(solver) or not all(supports(solver, problem) for problem in problems):
+    if not has_batch(solver) or not all(takes(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
     together = _asked(cast(Any, solver).solve_batch, problems)
     if len(together) != len(problems):
@@ -53,7 +54,7 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
     Problems of one shape; skipped for a solver without such a session.
     Source: the optimum is one wherever one starts.
     """
-    if not has_warm_start(solver) or not all(supports(solver, problem) for problem in problems):
+    if not has_warm_start(solver) or not all(takes(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
     session: Any = cast(Any, solver).session(problems[0].n, problems[0].m, warm_start=True)
     for k, problem in enumerate(problems):

@@ -163,8 +163,14 @@ def check_law(
     spelled: statements and the expression by which a counterexample gets the solver; else it is left to the reader.
     """
     tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
-    if not law.applies_to(solver):
-        return CheckResult(law.name, law.statement, supported=False)
+    try:
+        if not law.applies_to(solver):
+            return CheckResult(law.name, law.statement, supported=False)
+    except LawBroken as broken:  # by `supports`, on the first problem that it was asked about
+        expected, failed = int(bool(reason)), int(not reason)
+        return CheckResult(
+            law.name, law.statement, run=1, expected=expected, failed=failed, reason=reason, problem=str(broken)
+        )
     found = examine(law, solver, max_examples=max_examples, number=seed)
     problem = found.message
     if not problem and found.run == 0:

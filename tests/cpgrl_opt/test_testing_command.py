@@ -68,6 +68,10 @@ class TakesNothing(Good):
     def supports(self, problem):
         return False
 
+class Undecided(Good):
+    def supports(self, problem):
+        return {}["no such case"]
+
 class Lenient(Good):
     tolerance = 10
 
@@ -200,6 +204,15 @@ def test_what_cannot_be_checked_exits_with_2_and_one_line(cpgrl_check, target, w
     assert words in result.stderr
 
 
+def test_a_supports_that_raises_is_said_to_raise_by_every_law(cpgrl_check):
+    result = cpgrl_check("users_solvers:Undecided")
+    assert result.exit_code == 1
+    assert "supports should say True or False of a valid problem; it raised KeyError: 'no such case'" in result.stdout
+    rows = [line for line in result.stdout.splitlines() if line.endswith("FAILED") and "  " in line]
+    assert [row.split()[1:] for row in rows] == [["1", "0", "0", "0", "1", "FAILED"]] * 3
+    assert "users_solvers:Undecided does not pass: of 4 laws 0 held, 1 unsupported, 3 FAILED." in result.stdout
+
+
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
@@ -298,6 +311,8 @@ def test_after_three_losses_the_rest_is_not_run(folder, monkeypatch):
     monkeypatch.setattr("cpgrl_opt.testing.isolation._Worker", Lost)
     _, *results = examined_apart(Order("users_solvers:good"), list(LAWS)[:5])
     assert [result.failed for result in results] == [1, 1, 1, 0, 0]
+    assert all(result.run == result.declined + result.failed for result in results)
+    assert all("lost before the law was put to a problem" in result.problem for result in results[:3])
     assert all("not run" in result.problem and not result.passed for result in results[3:])
 
 

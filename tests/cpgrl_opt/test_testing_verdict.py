@@ -197,6 +197,27 @@ def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
     assert set(supported_cases(SOLVERS["rosen"])) == {Case.TANGENT, Case.AFFINE, Case.METRIC, Case.RADIUS}
 
 
+@pytest.mark.parametrize("problem_of_the_law", [False, True], ids=["on an example", "on a problem of the law"])
+@pytest.mark.parametrize("reason", ["", "is unfinished"])
+def test_a_supports_that_raises_is_a_failure_that_says_so_and_counts(problem_of_the_law, reason):
+    def hesitant(problem):
+        if problem_of_the_law and problem.gradient.tolist() == [1.0, 2.0, 3.0]:
+            return True
+        raise KeyError("no such case")
+
+    solver = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=hesitant)
+    checks = ["check_stationarity", "check_non_finite_is_refused", "check_permutation"]
+    expected = dict.fromkeys(checks, reason) if reason else {}
+    verdict = check_direction_solver(solver, checks=checks, expected_failures=expected, max_examples=6)
+    assert verdict.passed == bool(reason)
+    for result in verdict.results:
+        assert "supports should say True or False of a valid problem; it raised KeyError: 'no such case'" in (
+            result.problem
+        )
+        assert (result.expected if reason else result.failed) == result.run > 0
+        assert bool(result.counterexample) == problem_of_the_law
+
+
 @pytest.mark.parametrize("tolerance", [10, 2e-3, 0.0, -1e-6, float("nan"), None, "small"])
 def test_a_declared_tolerance_by_which_anything_is_an_optimum_is_refused(tolerance):
     """d = g with μ = 0 is within 10 of every optimum."""
