@@ -138,7 +138,8 @@ class QPSolversBackend(LoopsOverBatches):
 
     name: a key of BACK_ENDS. tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto
     the face found. iteration_limit: of the back end, its own kind of iteration (None: the back end's in BACK_ENDS);
-    time_limit: s, where the back end has one; options: further keyword arguments for it, which win.
+    time_limit: s. PIQP and ProxQP have none, so that only iteration_limit ends them; quadprog has neither, and nothing
+    but its own finite method ends it. options: further keyword arguments for the back end, which win.
     """
 
     name: str
