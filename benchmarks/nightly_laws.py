@@ -28,7 +28,7 @@ from pathlib import Path
 
 import cpgrl_opt
 from cpgrl_opt import SOLVERS
-from cpgrl_opt.solvers import is_installed
+from cpgrl_opt.solvers import is_usable
 from cpgrl_opt.testing import LAWS
 from cpgrl_opt.testing.verdict import check_law
 
@@ -83,7 +83,7 @@ def main() -> None:
 
 def correct_solvers() -> list[str]:
     """The installed solvers that claim to project."""
-    return [name for name, solver in SOLVERS.items() if name != NOT_A_PROJECTION and is_installed(solver)]
+    return [name for name, solver in SOLVERS.items() if name != NOT_A_PROJECTION and is_usable(solver)]
 
 
 def examined(law: str, names: list[str], max_examples: int, record: Path) -> None:

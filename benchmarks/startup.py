@@ -31,6 +31,10 @@ INFEASIBLE = """
 from cpgrl_opt import SOLVERS, DirectionProblem
 SOLVERS["active-set"].solve(DirectionProblem([1.0, 2.0], [[1.0, 0.0], [-1.0, 0.0]], [1.0, 1.0]))
 """
+STEP = """
+from cpgrl_opt import ConstrainedStep, Linearization
+ConstrainedStep()(Linearization([0.0, -1.0], [[1.0, 2.0, 3.0], [1.0, 0.0, 0.0]]), [0.0])
+"""
 EPISODE = """
 from cpgrl_opt import ConstrainedStep
 from envs import ThreeStateMDP
@@ -69,6 +73,7 @@ def measure(repeats: int, folder: Path, *, commands: bool) -> list[Row]:
         ("numba itself: one cached function of one line", FLOOR, 0.0, 0.0),
         ("first direction, active-set", SOLVE, 10.0, 1.0),
         ("first direction, of an infeasible problem", INFEASIBLE, 10.0, 1.0),
+        ("first step, whose kernels are compiled", STEP, 10.0, 0.0),
         ("first episode of training", EPISODE, 30.0, 2.0),
     ]
     rows = []

@@ -45,7 +45,8 @@ class StepResult:
     change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ,
     both up to rounding.
     counts, by name (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
-    skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened),
+    skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened), softened (by the
+    ridge, where a constraint was active),
     flat (active constraints whose gradient is 0: to first order no direction changes them, so they are left out).
     """
 
@@ -55,7 +56,7 @@ class StepResult:
     counts: Mapping[str, Int[np.ndarray, "*runs"]]
 
 
-_COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "flat")
+_COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened", "flat")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,6 +209,7 @@ class _Run:
             self.geometry = self.geometry.for_parameters(n, more)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
+            self.counts["softened"] += constraints.active.any(axis=1)
         if settings.max_restoration < np.inf:
             constraints = self.capped(constraints, n)
         tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))

@@ -186,7 +186,7 @@ def three_state(
     compare: Annotated[
         bool, typer.Option("--compare", help="Train CPGRL under other solvers, formulations and drop rules too.")
     ] = False,
-    compare_solvers: Annotated[str, typer.Option(help="Of --compare; all but missing ones of five if empty.")] = "",
+    compare_solvers: Annotated[str, typer.Option(help="Of --compare; five if empty; or `all`.")] = "",
     compare_formulations: Annotated[str, typer.Option(help="Of --compare.")] = "equality,cone,restoring",
     compare_episodes: Annotated[int, typer.Option(help="Of --compare, where a solver is not compiled.")] = 500,
 ) -> None:

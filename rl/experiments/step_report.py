@@ -12,6 +12,7 @@ _EVENTS = {
     "skipped": "updates left out for want of a certified direction",
     "dropped": "constraints dropped (§2.3)",
     "capped": "restorations shortened",
+    "softened": "updates whose constraints the ridge softened",
     "flat": "active constraints without gradient, left out",
 }
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
-from cpgrl_opt.solvers import compile_kernels, is_usable, solver_named
+from cpgrl_opt.solvers import SOLVERS, compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
 from envs import ThreeStateMDP
 
@@ -36,8 +36,8 @@ class ComparisonSettings:
     """What is compared with what.
 
     training: runs, episodes, rates and seed of every case; solvers: names (None: those of SOLVERS_COMPARED that can
-    be used); formulations: names. slow_episodes: updates of a case whose solver is not compiled. tolerance: by
-    which a policy may violate a threshold and count as feasible, in reward per step.
+    be used; "all" alone: all that can be used); formulations: names. slow_episodes: updates of a case whose solver is
+    not compiled. tolerance: by which a policy may violate a threshold and count as feasible, in reward per step.
     Raises ValueError for unknown names and for solvers none of which takes any of the formulations.
     """
 
@@ -52,17 +52,22 @@ class ComparisonSettings:
         for name in self.formulations:
             if name not in FORMULATIONS:
                 raise ValueError(f"formulation should be one of {', '.join(FORMULATIONS)}; found {name!r}")
-        for name in self.solvers or ():
+        for name in self.names():
             solver_named(name)
         if not self.cases():
             raise ValueError("a solver should take one of the formulations compared; found none that does")
 
+    def names(self) -> list[str]:
+        """The solvers compared."""
+        if self.solvers and list(self.solvers) != ["all"]:
+            return list(self.solvers)
+        return [name for name in (SOLVERS if self.solvers else SOLVERS_COMPARED) if is_usable(solver_named(name))]
+
     def cases(self) -> "list[Case]":
         """Every solver under every formulation that it takes; every drop rule under the first that takes equalities."""
-        names = self.solvers or [name for name in SOLVERS_COMPARED if is_usable(solver_named(name))]
         found = []
         for formulation in self.formulations:
-            takers = [name for name in names if formulation in cases(solver_named(name))]
+            takers = [name for name in self.names() if formulation in cases(solver_named(name))]
             for name in takers:
                 is_first = formulation == "equality" and name == takers[0]
                 drops = DROP_RULES if is_first else ("stationary",) if formulation == "equality" else ("",)

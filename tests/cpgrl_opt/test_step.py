@@ -281,6 +281,11 @@ class TestStatuses:
             assert (result.counts["flat"], result.counts["infeasible"]) == (1, 0)
             assert result.active.all()
 
+    def test_a_ridge_is_counted_where_it_acts(self):
+        both = Linearization([[0.0, -1.0], [0.0, 1.0]], np.stack([self.LINEARIZATION.gradients] * 2))
+        assert plain(ridge=1e-3)(both, [0.0]).counts["softened"].tolist() == [1, 0]
+        assert plain()(both, [0.0]).counts["softened"].tolist() == [0, 0]
+
     def test_one_failing_run_does_not_touch_the_others(self):
         both = Linearization([[0.0, -1.0], [0.0, 1.0]], np.stack([self.LINEARIZATION.gradients] * 2))
         result = plain(solver=Failing(Status.UNCERTIFIED))(both, [0.0])

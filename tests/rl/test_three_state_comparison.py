@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cpgrl_opt import SOLVERS
+from cpgrl_opt.solvers import is_usable
 from envs import ThreeStateMDP
 from rl.cli import app
 from rl.experiments.bootstrap import mean_intervals
@@ -49,6 +50,12 @@ def test_every_solver_is_compared_where_it_is_taken_and_the_first_under_every_dr
     ]
     assert SETTINGS.common == 8
     assert SETTINGS.updates == sum(case[3] for case in cases)
+
+
+def test_all_means_every_solver_that_can_be_used():
+    every = ComparisonSettings(training=TINY, solvers=["all"], formulations=["equality"])
+    assert every.names() == [name for name, solver in SOLVERS.items() if is_usable(solver)]
+    assert {case.solver for case in every.cases()} >= {"rosen", "enumeration"}
 
 
 def test_cases_share_their_random_numbers_so_that_exact_solvers_learn_the_same(outcomes):
