@@ -10,7 +10,7 @@ from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.testing import check_direction_solver, parametrize_with_checks
 
 # Problems a law, as a part of the profile's examples: the same for all solvers, which are then given the same ones.
-SHARE = 0.12
+SHARE = 0.09
 INSTALLED = {name: solver for name, solver in SOLVERS.items() if is_installed(solver)}
 
 # The drop rule never takes a constraint back, so it is the cone projection for one constraint, and mostly for more;
