@@ -12,6 +12,7 @@ from envs import ThreeStateMDP
 
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
+from .learning_curves import spread
 from .results_directory import results_directory
 from .step_report import handing_over, in_words
 from .subproblems import FILE as SUBPROBLEMS
@@ -152,7 +153,7 @@ def summary(results: ThreeStateResults, seconds: Mapping[str, float], processes:
 
 
 def _method(results: ThreeStateResults, method: str) -> dict[str, Any]:
-    outcome = results.outcomes[method]
+    outcome, curves = results.outcomes[method], results.curves[method]
     return {
         "environment_steps": outcome.steps,
         "training_seconds": round(outcome.seconds, 3),
@@ -160,6 +161,11 @@ def _method(results: ThreeStateResults, method: str) -> dict[str, Any]:
         "preparation_seconds": round(outcome.preparation, 3),
         "updates": results.settings.runs * results.settings.episodes,
         "counts": dict(outcome.counts),
+        "final": {
+            "mean": curves.exact[:, -1].mean(axis=0).tolist(),
+            "standard_deviation": spread(curves.exact[:, -1]).tolist(),
+            "policy": curves.policies[:, -1].mean(axis=0).tolist(),
+        },
     }
 
 

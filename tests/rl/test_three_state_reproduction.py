@@ -138,6 +138,20 @@ def test_summary_json_says_how_the_results_were_made(small):
     assert summary["steps_per_second"] == pytest.approx(speed, rel=0.01)
 
 
+def test_summary_json_ends_where_learning_csv_does(small):
+    _, directory = small
+    methods = json.loads((directory / "summary.json").read_text(encoding="utf-8"))["methods"]
+    with (directory / "learning.csv").open(encoding="utf-8", newline="") as file:
+        last = [row for row in csv.DictReader(file) if int(row["episode"]) == SMALL.episodes]
+    for method in METHODS:
+        exact = [[float(row[f"exact_{k}"]) for k in range(1, 5)] for row in last if row["method"] == method]
+        final = methods[method]["final"]
+        assert len(exact) == SMALL.runs
+        np.testing.assert_allclose(final["mean"], np.mean(exact, axis=0), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(final["standard_deviation"], np.std(exact, axis=0, ddof=1), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(np.sum(final["policy"], axis=1), 1.0)
+
+
 @pytest.mark.parametrize("name", ["fig4", "fig5"])
 def test_figures_are_a_printed_page_wide_as_png_and_svg(small, name):
     from matplotlib.image import imread
