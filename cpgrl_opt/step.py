@@ -140,7 +140,8 @@ class ConstrainedStep:
         """The change of θ that climbs Δ¹ while the active constraints hold or are restored.
 
         thresholds: (m,), Gⁱ. previous: the last result's `active`, for rules with memory. observe: sees every
-        subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set.
+        subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set,
+        FloatingPointError where rates times directions overflow.
         """
         limits = np.asarray(thresholds, dtype=np.float64)
         channels, n = linearization.gradients.shape[-2:]
@@ -228,6 +229,12 @@ class _Run:
         if self.any_skipped:
             skipped = self.counts["skipped"] > 0
             change[skipped], still[skipped] = 0.0, False  # the zeros of a failed solver are no optimum
+        if not is_finite(change):
+            raise FloatingPointError(
+                f"the change of θ should be finite; found {change[~np.isfinite(change)][0]}, with step_size "
+                f"{settings.step_size:g}, restoration_rate {settings.restoration_rate:g} and gradients up to "
+                f"{np.abs(constraints.gradients).max():g}: lower the rates"
+            )
         return change[:, :n], still
 
     def admitted(

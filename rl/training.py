@@ -105,7 +105,10 @@ def _records(
         estimate = estimation.episode(parameters)
         linearization = _finite(estimate, course.runs, episode)
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
-            update = learner.update(linearization, memory, course.observe)
+            try:
+                update = learner.update(linearization, memory, course.observe)
+            except FloatingPointError as error:
+                raise DivergenceError(f"after episode {episode} {error}. {_ADVICE}") from error
             parameters = parameters + update.change
         _require_finite(parameters, course.runs, episode)
         _require_small(update.change, course, episode)

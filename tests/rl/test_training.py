@@ -167,9 +167,11 @@ def test_an_estimate_that_is_not_finite_names_the_run_and_the_channel() -> None:
         next(train(ThreeStateMDP(), SoftmaxTable(3, 3), broken, WeightedSum(), episodes=9, runs=[3, 8]))
 
 
-def test_an_overflowing_update_raises_instead_of_training_on() -> None:
+@pytest.mark.parametrize(
+    "learner", [WeightedSum(step_size=1e150), CPGRL(ConstrainedStep(step_size=1e150), [0.0, 0.0, 0.0])]
+)
+def test_an_overflowing_update_raises_instead_of_training_on(learner: Any) -> None:
     mdp = TabularMDP(ThreeStateMDP().transitions, 1e200 * ThreeStateMDP().rewards)
-    learner = WeightedSum(step_size=1e150)
     with pytest.raises(DivergenceError, match="should be finite"):
         for _ in train(mdp, SoftmaxTable(3, 3), GPOMDP(), learner, episodes=50, runs=2):
             pass
