@@ -106,5 +106,5 @@ def _exit(number: int, _: FrameType | None) -> None:
     raise SystemExit(128 + number)
 
 
-def _grouped(leader: int) -> dict[str, int]:
+def _grouped(leader: int) -> dict[str, Any]:
     return {"process_group": leader} if _HAS_GROUPS else {}
