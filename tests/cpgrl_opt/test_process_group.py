@@ -22,51 +22,53 @@ os.write(1, b".")
 re.match("(a*)*b", "a" * 60)
 """
 PARENT = f"""
-import sys, time
+import sys
 from cpgrl_opt._process_group import ProcessGroup, exit_on_termination
 with exit_on_termination():
     group = ProcessGroup([sys.executable, "-c", {LOOP!r}], stdin=-3)
     try:
-        time.sleep(float(sys.argv[1]))
+        sys.stdin.read()
     finally:
-        if sys.argv[2] == "cleans up":
+        if sys.argv[1] == "cleans up":
             group.kill()
             sys.stderr.write("cleaned up")
 """
 
 
-def started(seconds, manners):
+def started(manners):
     parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, str(seconds), manners],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+        [sys.executable, "-c", PARENT, manners],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
     assert parent.stdout.read(2) == b".."  # the process and its fork
     return parent
 
 
 def last_words(parent):
-    """Returns only once nobody holds the pipes any more: all are gone. Else TimeoutExpired."""
+    """Lets the parent end, and returns only once nobody holds the pipes: all are gone. Else TimeoutExpired."""
     return parent.communicate(timeout=120)[1].decode()
 
 
 @pytest.mark.parametrize("to_group", [False, True])
 def test_a_killed_parent_takes_everything_with_it(to_group):
-    parent = started(600, "leaves it")
+    parent = started("leaves it")
     (os.killpg if to_group else os.kill)(parent.pid, signal.SIGKILL)
+    parent.wait(120)
     assert last_words(parent) == ""
     assert parent.returncode == -signal.SIGKILL
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_parent_that_is_asked_to_end_cleans_up_and_says_by_what_it_ended(number):
-    parent = started(600, "cleans up")
+    parent = started("cleans up")
     parent.send_signal(number)
+    parent.wait(120)
     assert last_words(parent) == "cleaned up"
     assert parent.returncode == 128 + number
 
 
 def test_a_parent_that_forgets_its_group_takes_it_along_as_well():
-    parent = started(0, "leaves it")
+    parent = started("leaves it")
     assert last_words(parent) == ""
     assert parent.returncode == 0
 
