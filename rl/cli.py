@@ -12,13 +12,14 @@ import typer
 from typer.core import TyperGroup
 
 from .interrupts import InterruptsHeld
+from .standard_output import NOBODY_READS, WRONG_USE, say, standard_output
 
 if TYPE_CHECKING:
     from .experiments.claims import Claim
     from .experiments.progress import TrainingProgress
     from .experiments.three_state_comparison import ComparisonSettings
 
-FAILED_CLAIM, WRONG_USE, INTERRUPTED = 1, 2, 130
+FAILED_CLAIM, INTERRUPTED = 1, 130
 
 
 class ListedCommands(TyperGroup):
@@ -38,6 +39,8 @@ class ListedCommands(TyperGroup):
         except KeyboardInterrupt:
             _tell_interrupted()
             raise typer.Exit(INTERRUPTED) from None
+        except BrokenPipeError:  # of standard output: whoever writes to another pipe looks for it
+            raise typer.Exit(NOBODY_READS) from None
 
 
 _SETTINGS: dict[str, Any] = {"cls": ListedCommands, "no_args_is_help": True, "pretty_exceptions_enable": False}
@@ -48,20 +51,21 @@ app.add_typer(reproduce, name="reproduce")
 
 def main() -> None:
     """The entry point of `cpgrl`."""
-    try:
-        app()
-    except KeyboardInterrupt:  # before typer looks for it
-        _tell_interrupted()
-        sys.exit(INTERRUPTED)
+    with standard_output():
+        try:
+            app()
+        except KeyboardInterrupt:  # before typer looks for it
+            _tell_interrupted()
+            sys.exit(INTERRUPTED)
 
 
 def _tell_interrupted() -> None:
-    typer.echo("Interrupted.", err=True)
+    say("Interrupted.", err=True)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"cpgrl {version('cpgrl-opt')}")
+        say(f"cpgrl {version('cpgrl-opt')}")
         raise typer.Exit
 
 
@@ -132,7 +136,7 @@ def export(
     with _clean_errors(ValueError):
         recorded = load_recording(recording)
         export_recording(recorded, test_set)
-    typer.echo(f"Wrote {len(recorded)} problems into {test_set}")
+    say(f"Wrote {len(recorded)} problems into {test_set}")
 
 
 @app.command()
@@ -159,7 +163,7 @@ def compare(
         )  # fmt: skip
         try:
             folder = request.folder() if out is None else out
-            run_command(request, folder, jobs=_processes(jobs), anew=anew, say=lambda text: typer.echo(text, err=True))
+            run_command(request, folder, jobs=_processes(jobs), anew=anew, say=lambda text: say(text, err=True))
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
 
@@ -273,7 +277,7 @@ def _compare(settings: "ComparisonSettings", out: Path, processes: int) -> None:
         with _clean_errors(), training_progress(["comparison"], settings.updates) as progress:
             compare_in(out, settings, processes=processes, listen=progress.listen)
     except KeyboardInterrupt:
-        typer.echo(f"Interrupted. {out} holds the reproduction, without the comparison.", err=True)
+        say(f"Interrupted. {out} holds the reproduction, without the comparison.", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
@@ -294,11 +298,11 @@ def _telling_what_is_kept(progress: "TrainingProgress", out: Path, files: Sequen
             except Exception:
                 progress.stop()
                 if progress.recorded:
-                    typer.echo(_kept(progress, place, out), err=True)
+                    say(_kept(progress, place, out), err=True)
                 raise
     except KeyboardInterrupt:
         progress.stop()
-        typer.echo(f"Interrupted. {_kept(progress, place, out)}", err=True)
+        say(f"Interrupted. {_kept(progress, place, out)}", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
@@ -317,8 +321,8 @@ def _report(
 
     print_claims(claims, Console())
     for remark in remarks:
-        typer.echo(remark)
-    typer.echo(f"Wrote {', '.join(files)} into {out}")
+        say(remark)
+    say(f"Wrote {', '.join(files)} into {out}")
     if strict and not all(claim.holds for claim in claims):
         raise typer.Exit(FAILED_CLAIM)
 
@@ -346,6 +350,8 @@ def _clean_errors(*refusals: type[ValueError]) -> Iterator[None]:
     told: tuple[type[Exception], ...] = (MissingPackageError, DivergenceError, WorkerDiedError, OSError, *refusals)
     try:
         yield
+    except BrokenPipeError:
+        raise
     except MemoryError as error:
         _refuse(f"this needs more memory than there is; fewer runs or shorter episodes need less ({error})")
     except told as error:
@@ -353,7 +359,7 @@ def _clean_errors(*refusals: type[ValueError]) -> Iterator[None]:
 
 
 def _refuse(message: str) -> NoReturn:
-    typer.echo(f"cpgrl: {message}", err=True)
+    say(f"cpgrl: {message}", err=True)
     sys.exit(WRONG_USE)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .measurement import Measurement, columns, from_row, to_row, write_measurements
+from .measurement import AS_BYTES, Measurement, columns, from_row, to_row, write_measurements
 
 MEASUREMENTS, SETTINGS = "measurements.csv", "settings.json"
 
@@ -45,7 +45,7 @@ class Checkpoint:
         """Adds to `wall_seconds`, the time spent on the folder so far, over all runs."""
         self.wall_seconds += seconds
         text = json.dumps({**self._facts, _TIME: round(self.wall_seconds, 1)}, indent=2, ensure_ascii=False)
-        self._settings.write_text(text + "\n", encoding="utf-8")
+        self._settings.write_text(text + "\n", encoding="utf-8", errors=AS_BYTES)
 
     def finished(self, problems: Mapping[CellKey, int]) -> dict[CellKey, list[Measurement]]:
         """The cells asked for that are there whole; the rest of them leaves the file.
@@ -70,14 +70,14 @@ class Checkpoint:
         """The rows of a finished cell, in one write, on the disk when this returns."""
         text = io.StringIO(newline="")
         csv.DictWriter(text, columns(Measurement), lineterminator="\n").writerows(map(to_row, measurements))
-        with self.path.open("a", encoding="utf-8", newline="") as file:
+        with self.path.open("a", encoding="utf-8", errors=AS_BYTES, newline="") as file:
             file.write(text.getvalue())
             file.flush()
             os.fsync(file.fileno())
 
     def _agree_with_folder(self) -> None:
         try:
-            before = json.loads(self._settings.read_text(encoding="utf-8"))
+            before = json.loads(self._settings.read_text(encoding="utf-8", errors=AS_BYTES))
         except (OSError, ValueError):
             before = {}
         self.wall_seconds = float(before.get(_TIME, 0.0))
@@ -101,7 +101,7 @@ class Checkpoint:
         """All rows but one that was cut short: a crash in the midst of writing loses that cell only."""
         if not self.path.exists():
             return []
-        text = self.path.read_text(encoding="utf-8")
+        text = self.path.read_text(encoding="utf-8", errors=AS_BYTES)
         readable: list[Measurement] = []
         for row in csv.DictReader(io.StringIO(text)):
             try:

@@ -46,7 +46,8 @@ class ProblemFamily:
 
     def problem(self, number: int, seed: int) -> DirectionProblem:
         """Problem `number` of the family: bit for bit the same for a seed, whatever was drawn before."""
-        return self.draw(np.random.default_rng([seed, zlib.crc32(self.name.encode()), number]))
+        name = self.name.encode(errors="surrogateescape")  # of a file, in whatever locale
+        return self.draw(np.random.default_rng([seed, zlib.crc32(name), number]))
 
 
 def _power(value: float) -> str:

@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 SUCCESS_TOLERANCE = 1e-9  # the worst KKT residual of a solved problem
 WRONG_TOLERANCE = 1e-6  # claimed optimal beyond it is silently wrong
 PROOF_TOLERANCE = 1e-6  # the worst Farkas residual of a proof
+# A file name that the locale cannot read comes with surrogates in it, and goes into a file as the bytes that it is.
+AS_BYTES = "surrogateescape"
 
 OUTCOMES = (
     "success",
@@ -173,7 +175,7 @@ _READERS: Mapping[Any, Callable[[str], Any]] = {
 
 def _write(path: Path, kind: type[Measurement] | type[Cell], records: Iterable[Measurement | Cell]) -> None:
     beside = path.with_name(path.name + ".part")
-    with beside.open("w", encoding="utf-8", newline="") as file:
+    with beside.open("w", encoding="utf-8", errors=AS_BYTES, newline="") as file:
         writer = csv.DictWriter(file, columns(kind), lineterminator="\n")
         writer.writeheader()
         writer.writerows(to_row(record) for record in records)
@@ -181,7 +183,7 @@ def _write(path: Path, kind: type[Measurement] | type[Cell], records: Iterable[M
 
 
 def _read(path: Path, kind: type[T]) -> list[T]:
-    with path.open(encoding="utf-8", newline="") as file:
+    with path.open(encoding="utf-8", errors=AS_BYTES, newline="") as file:
         reader = csv.DictReader(file)
         found = list(reader.fieldnames or ())
         if found != columns(kind):

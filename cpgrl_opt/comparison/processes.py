@@ -22,6 +22,8 @@ _LOOK_EVERY = 0.1  # s
 _PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from cpgrl_opt.comparison.worker import serve; serve()"
 # One thread each: CPU time counts all threads, and two workers share the cores.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS")
+# A solver that prints λ makes noise; where the locale is C, it would seem to crash.
+_ANY_TEXT = {"PYTHONIOENCODING": "utf-8:replace"}
 
 
 class OrderRefused(ValueError):  # noqa: N818 - what happened
@@ -73,7 +75,7 @@ class WorkerProcess:
             if self._closed:
                 raise RuntimeError("the worker was closed")
             if self._process is None:
-                environment = os.environ | dict.fromkeys(_ONE_THREAD, "1")
+                environment = os.environ | dict.fromkeys(_ONE_THREAD, "1") | _ANY_TEXT
                 self._process = subprocess.Popen(
                     [sys.executable, "-c", _PROGRAM, *sys.path],
                     stdin=subprocess.PIPE,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .findings import find
-from .measurement import Cell, Measurement
+from .measurement import AS_BYTES, Cell, Measurement
 from .report_context import ReportContext
 from .report_html import html_report
 from .report_markdown import markdown_report
@@ -20,5 +20,5 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / "report.md", folder / "report.html"
     for path, render in zip(paths, (markdown_report, html_report), strict=True):
-        path.write_text(render(findings), encoding="utf-8", newline="\n")
+        path.write_text(render(findings), encoding="utf-8", errors=AS_BYTES, newline="\n")
     return paths

@@ -37,7 +37,7 @@ def machine() -> dict[str, Any]:
 def _processor() -> str:
     """The processor's model where the system tells it, else what Python knows, else its architecture."""
     try:
-        lines = _CPUINFO.read_text(encoding="utf-8").splitlines()
+        lines = _CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:  # not Linux
         lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
@@ -53,4 +53,5 @@ def write_summary(path: Path, steps_per_second: float, contents: Mapping[str, An
         "command": ["cpgrl", *sys.argv[1:]],
     }
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    # In the command: a file name that the locale cannot read goes into the file as the bytes that it is.
+    path.write_text(text + "\n", encoding="utf-8", errors="surrogateescape")

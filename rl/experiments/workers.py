@@ -95,18 +95,24 @@ class _Worker:
 
     def assign(self, position: int, item: Any) -> None:
         self.position, self.busy = position, True
-        self.connection.send(item)
+        try:
+            self.connection.send(item)
+        except BrokenPipeError:
+            raise self._death() from None
 
     def receive(self) -> tuple[str, Any]:
         try:
             message: tuple[str, Any] = self.connection.recv()
-        except EOFError:
-            self.process.join(1.0)
-            raise WorkerDiedError(
-                f"a worker process should answer or raise; it ended with exit code {self.process.exitcode}. "
-                "With --jobs 1 everything runs in one process"
-            ) from None
+        except (EOFError, ConnectionResetError):
+            raise self._death() from None
         return message
+
+    def _death(self) -> WorkerDiedError:
+        self.process.join(1.0)
+        return WorkerDiedError(
+            f"a worker process should answer or raise; it ended with exit code {self.process.exitcode}. "
+            "With --jobs 1 everything runs in one process"
+        )
 
     def end(self) -> None:
         self.process.terminate()

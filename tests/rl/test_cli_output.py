@@ -1,0 +1,115 @@
+"""What `cpgrl` prints where standard output takes little: another encoding, a full disk, nobody who reads."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cpgrl_opt.comparison.measurement import read_measurements
+from rl.cli import main
+from rl.experiments.summary import write_summary
+
+RECORDING = Path(__file__).parents[2] / "cpgrl_opt" / "comparison" / "recorded" / "arm.npz"
+REPRODUCE = ["reproduce", "three-state", "--runs", "2", "--episodes", "20", "--steps", "20", "--jobs", "1"]
+COMPARE = ["compare", "--quick", "--problems", "1", "--solvers", "active-set", "--jobs", "1"]
+# The encodings of a Windows console and of a redirected stream in the C locale, with the errors that they come with.
+STREAMS = [("cp1252", "strict"), ("ascii", "surrogateescape")]
+
+
+def printed(arguments, encoding, errors, monkeypatch):
+    """(exit code, standard output) of a command whose standard output has such an encoding."""
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, errors=errors)
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setattr(sys, "argv", ["cpgrl", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    stream.flush()
+    return ended.value.code, stream.buffer.getvalue().decode(encoding)
+
+
+@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream[0])
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["solvers"], "active-set"),
+        ([*COMPARE, "--families", "zero-rows", "--out", "out"], "active-set"),
+        ([*REPRODUCE, "--out", "out"], "claims hold"),
+        (["export", RECORDING, "λ.parquet"], "?.parquet"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_every_command_prints_with_question_marks_for_what_the_encoding_lacks(
+    arguments, told, stream, tmp_path, monkeypatch
+):
+    if arguments[0] == "export":
+        pytest.importorskip("pyarrow")
+    monkeypatch.chdir(tmp_path)
+    code, output = printed(arguments, *stream, monkeypatch)
+    assert code == 0
+    assert told in output
+    assert "?" in output or stream[0] != "ascii"
+
+
+def test_a_failed_check_prints_its_verdict_and_exits_with_1(tmp_path, monkeypatch):
+    (tmp_path / "unprojected.py").write_text("def λ(g, J, b):\n    return g\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    code, output = printed(["check", "unprojected:λ", "--max-examples", 1], "cp1252", "strict", monkeypatch)
+    assert code == 1
+    assert "unprojected:? does not pass" in output
+
+
+C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "OMP_NUM_THREADS": "1"}
+
+
+def run(*arguments, **options):
+    command = [sys.executable, "-m", "rl.cli", *map(str, arguments)]
+    return subprocess.run(command, timeout=300, check=False, stderr=subprocess.PIPE, **options)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file names are text on Windows")
+def test_names_that_the_locale_cannot_read_are_written_as_they_are(tmp_path):
+    """In the C locale ψ comes as two surrogates, which no UTF-8 file takes."""
+    (tmp_path / "ψ.npz").write_bytes(RECORDING.read_bytes())
+    options = {"env": os.environ | C_LOCALE, "cwd": tmp_path, "stdout": subprocess.PIPE}
+    compared = run(*COMPARE, "--families", "ψ.npz", "--out", "ω", **options)
+    assert compared.returncode == 0, compared.stderr
+    assert {each.family for each in read_measurements(tmp_path / "ω" / "measurements.csv")} == {"ψ.npz"}
+    assert "ψ.npz" in (tmp_path / "ω" / "report.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file names are text on Windows")
+def test_a_summary_names_such_a_file_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        sys, "argv", ["cpgrl", "reproduce", "arm", "--out", "ω".encode().decode("ascii", "surrogateescape")]
+    )
+    write_summary(tmp_path / "summary.json", 1.0, {})
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["command"][-1] == "ω"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
+def test_a_full_disk_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        ended = run("--version", stdout=full)
+    assert (ended.returncode, ended.stderr) == (2, b"cpgrl: [Errno 28] No space left on device\n")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGPIPE")
+def test_a_reader_that_left_ends_the_command_without_a_word():
+    reading, writing = os.pipe()
+    os.close(reading)
+    ended = run("--version", stdout=writing)
+    os.close(writing)
+    assert (ended.returncode, ended.stderr) == (141, b"")
+
+
+def test_a_closed_standard_output_is_no_error(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "argv", ["cpgrl", "--version"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
