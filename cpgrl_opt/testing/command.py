@@ -2,9 +2,11 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from .._process_group import exit_on_termination
 from ..validation import require_member
 from .isolation import Messages, Order, Ready, Refused, examined_apart
 from .laws import LAWS
@@ -16,9 +18,13 @@ _WORDS = {"failed as expected": "excused", "unsupported": "n/a", "held, though e
 
 
 def run_check(target: str, **settings: Any) -> int:
-    """`check_target` on a terminal: progress and the traceback of the solver's own module on stderr, Ctrl-C is 130."""
+    """`check_target` on a terminal: progress and the traceback of the solver's own module on stderr.
+
+    Ctrl-C is 130, SIGTERM 143; no process of the solver's is left behind.
+    """
     try:
-        return check_target(target, progress=_progress_on_terminal(len(LAWS)), **settings)
+        with exit_on_termination():
+            return check_target(target, progress=_progress_on_terminal(len(LAWS)), **settings)
     except CannotCheck as error:
         sys.stderr.write(error.traceback)
         raise
@@ -55,14 +61,15 @@ def check_target(
         raise ValueError(f"markdown should be a file in a folder that exists; found {str(markdown)!r}")
     order = Order(target, max_examples, seed, tuple(expected_of(expected_failures).items()), time_limit)
     tolerance, results = 0.0, []
-    for message in (examined or examined_apart)(order, tuple(LAWS)):
-        if isinstance(message, Refused):
-            raise CannotCheck(message.message, message.traceback)
-        if isinstance(message, Ready):
-            tolerance = message.tolerance
-        elif isinstance(message, CheckResult):
-            results.append(message)
-            progress(message.check)
+    with closing((examined or examined_apart)(order, tuple(LAWS))) as messages:
+        for message in messages:
+            if isinstance(message, Refused):
+                raise CannotCheck(message.message, message.traceback)
+            if isinstance(message, Ready):
+                tolerance = message.tolerance
+            elif isinstance(message, CheckResult):
+                results.append(message)
+                progress(message.check)
     if not any(result.supported for result in results):
         raise CannotCheck(
             f"{target} should take some of the laws' problems, Euclidean ones or, with `takes_geometry = True`, those "

@@ -5,19 +5,22 @@ known to the end. After such a loss a new process goes on with the next law.
 """
 
 import os
+import pickle
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import wraps
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 
+from .._process_group import ProcessGroup
 from ..problem import DirectionProblem
 from ..solvers import compile_kernels
 from ..solvers.interface import tolerance_of
@@ -28,6 +31,8 @@ from .verdict import CheckResult, check_law
 
 START_LIMIT = 300.0  # s, to import the solver's module, compile, and answer one problem
 MOST_LOST = 3  # laws whose process was lost before the rest is given up
+_LOOK_EVERY = 0.1  # s
+_PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from cpgrl_opt.testing.isolation import serve; serve()"
 
 
 @dataclass(frozen=True)
@@ -67,17 +72,17 @@ class Refused:
 
 
 Message = Ready | Trying | Refused | CheckResult
-Messages = Callable[[Order, Sequence[str]], Iterator[Message]]
+Messages = Callable[[Order, Sequence[str]], Generator[Message, None, None]]
 
 
-def examined_here(order: Order, checks: Sequence[str]) -> Iterator[Message]:
+def examined_here(order: Order, checks: Sequence[str]) -> Generator[Message, None, None]:
     """Readiness and results, in this process: for solvers that are known to come back."""
     said: list[Message] = []
     _serve(order, checks, said.append)
     yield from (message for message in said if not isinstance(message, Trying))
 
 
-def examined_apart(order: Order, checks: Sequence[str]) -> Iterator[Message]:
+def examined_apart(order: Order, checks: Sequence[str]) -> Generator[Message, None, None]:
     """Readiness and results, from as many processes as it takes."""
     remaining, lost, ready = list(checks), 0, None
     while remaining and lost < MOST_LOST:
@@ -109,52 +114,90 @@ def examined_apart(order: Order, checks: Sequence[str]) -> Iterator[Message]:
 
 
 class _Worker:
-    """A process that serves an order; what it prints goes to a file."""
+    """A process that serves an order, and its forks; what it prints goes to a file.
+
+    Messages come through a pipe, which a fork may hold open for ever. So a thread looks at the process and the clock,
+    and kills all of the group when either is over: whoever reads then finds the end.
+    """
 
     def __init__(self, order: Order, checks: Sequence[str]) -> None:
-        context = get_context("spawn")
-        self._connection, theirs = context.Pipe(duplex=False)
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         self._noise = Path(self._folder.name) / "output"
-        self._process: BaseProcess = context.Process(
-            target=_serve_quietly, args=(order, list(checks), theirs, str(self._noise))
+        self._group = ProcessGroup(
+            [sys.executable, "-c", _PROGRAM, *sys.path],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
         )
-        self._process.start()
-        theirs.close()
+        self._deadline, self._was_late = float("inf"), False
+        self._is_closed = threading.Event()
+        self._watch = threading.Thread(target=self._watch_over, daemon=True)
+        self._watch.start()
+        with suppress(BrokenPipeError):  # it ended at once, which the first message says
+            _send(self._pipe("stdin"), (order, list(checks), str(self._noise)))
 
     def next_message(self, limit: float) -> Message | str | None:
         """What the process says next; None if nothing within the limit, a text if it ended."""
-        if not self._connection.poll(limit):
+        self._deadline = monotonic() + limit
+        message: Message | None = _receive(self._pipe("stdout"))
+        self._deadline = float("inf")
+        if message is not None:
+            return message
+        self._group.kill()
+        if self._was_late:
             return None
-        try:
-            message: Message = self._connection.recv()
-        except EOFError:
-            self._process.join()
-            written = self._noise.read_text(errors="replace").strip() if self._noise.exists() else ""
-            last = f"; it last wrote: {written[-300:]}" if written else ""
-            return f"the end of the process (exit code {self._process.exitcode}){last}"
-        return message
+        written = self._noise.read_text(errors="replace").strip() if self._noise.exists() else ""
+        last = f"; it last wrote: {written[-300:]}" if written else ""
+        return f"the end of the process (exit code {self._group.process.returncode}){last}"
+
+    def _watch_over(self) -> None:
+        while not self._is_closed.wait(_LOOK_EVERY):
+            self._was_late = monotonic() > self._deadline
+            if self._was_late or self._group.process.poll() is not None:
+                self._group.kill()
+                return
+
+    def _pipe(self, name: str) -> BinaryIO:
+        return cast(BinaryIO, getattr(self._group.process, name))
 
     def __enter__(self) -> "_Worker":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._connection.close()
-        self._process.kill()
-        self._process.join()
+        self._is_closed.set()
+        self._group.kill()
+        self._watch.join()
+        for name in ("stdin", "stdout"):
+            with suppress(OSError):
+                self._pipe(name).close()
         self._folder.cleanup()
 
 
-def _serve_quietly(order: Order, checks: Sequence[str], connection: Connection, noise: str) -> None:
-    """The process's main function: output goes to the file `noise`, messages to the connection."""
-    target = os.open(noise, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
+def serve() -> None:
+    """The process's main function: an order comes on stdin, messages go to what was stdout, output to a file."""
+    channel = os.fdopen(os.dup(1), "wb")
+    order, checks, noise = _receive(sys.stdin.buffer)
+    nothing, target = os.open(os.devnull, os.O_RDONLY), os.open(noise, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(nothing, 0)
     for descriptor in (1, 2):
         os.dup2(target, descriptor)
+    os.close(nothing)
     os.close(target)
     compile_kernels()  # of the oracle that the laws compare with: not in the solver's time
-    _serve(order, checks, connection.send)
+    _serve(order, checks, lambda message: _send(channel, message))
+
+
+def _send(stream: BinaryIO, message: object) -> None:
+    pickle.dump(message, stream)
+    stream.flush()
+
+
+def _receive(stream: BinaryIO) -> Any:
+    """The next message; None where the other side is gone, in the middle of one too."""
+    try:
+        return pickle.load(stream)
+    except (EOFError, OSError, pickle.UnpicklingError):
+        return None
 
 
 def _serve(order: Order, checks: Sequence[str], send: Callable[[Message], None]) -> None:

@@ -1,6 +1,9 @@
 """`cpgrl check`: exit status, messages, and a counterexample that runs when pasted."""
 
 import os
+import select
+import shutil
+import signal
 import subprocess
 import sys
 
@@ -59,6 +62,24 @@ class Leaving(Good):
         if problem.m == 3:
             os._exit(7)
         return super().solve(problem)
+
+class LeavingAFork(Good):
+    def solve(self, problem):
+        if problem.m == 3:
+            if os.fork() == 0:
+                time.sleep(600)
+            os._exit(7)
+        return super().solve(problem)
+
+class Looping(Good):
+    """Says so in the pipe `held`, with a fork beside it."""
+
+    def solve(self, problem):
+        held = os.open("held", os.O_WRONLY)
+        os.fork()
+        os.write(held, b".")
+        while True:
+            pass
 
 class NeedsAPackage:
     def solve(self, problem):
@@ -272,12 +293,12 @@ def test_a_process_of_its_own_finds_the_current_folder_and_keeps_noise_from_stdo
     assert lines[-1].endswith(", 2 unsupported, 1 FAILED.")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("solver", "limit", "words"),
     [
-        ("Hanging", 2.0, "no answer within 2 s"),
-        ("Leaving", 60.0, "the end of the process (exit code 7)"),
+        pytest.param("Hanging", 2.0, "no answer within 2 s", marks=pytest.mark.slow),
+        pytest.param("Leaving", 600.0, "the end of the process (exit code 7)", marks=pytest.mark.slow),
+        ("LeavingAFork", 600.0, "the end of the process (exit code 7)"),
     ],
 )
 def test_a_solver_that_never_comes_back_costs_one_law_and_shows_its_problem(folder, solver, limit, words):
@@ -292,6 +313,26 @@ def test_a_solver_that_never_comes_back_costs_one_law_and_shows_its_problem(fold
     compile(first.counterexample, "counterexample", "exec")
     assert second.check == checks[1]
     assert second.run == 2 or words in second.problem
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_process_of_the_solver_outlives_the_command(folder, number):
+    """Not even a loop and its fork; the pipe that both hold tells when they are gone. SIGTERM comes from timeout(1)."""
+    os.mkfifo("held")
+    pipe = os.open("held", os.O_RDONLY | os.O_NONBLOCK)
+    prefix = ["timeout", "600"] if number == signal.SIGTERM and shutil.which("timeout") else []
+    command = [*prefix, sys.executable, "-m", "rl.cli", "check", "users_solvers:Looping"]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    for _ in "the loop", "its fork":
+        assert select.select([pipe], [], [], 120)[0], running.poll()
+        assert os.read(pipe, 1) == b"."
+    running.send_signal(number)
+    assert running.communicate(timeout=120) == (b"", b"")
+    assert running.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    assert select.select([pipe], [], [], 60)[0], "a process still holds the pipe"
+    assert os.read(pipe, 1) == b""
+    os.close(pipe)
 
 
 def test_after_three_losses_the_rest_is_not_run(folder, monkeypatch):
