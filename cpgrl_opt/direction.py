@@ -8,7 +8,7 @@ from typing import overload
 import numpy as np
 
 from .arrays import Bool, Float, Int, Multipliers, Vector
-from .validation import real_values, require_shape
+from .validation import read_only, real_values, require_shape
 
 
 class Status(IntEnum):
@@ -117,6 +117,16 @@ class DirectionBatch(Sequence[Direction]):
         kappa[mask] = 0.0 if others.radius_multiplier is None else others.radius_multiplier
         return DirectionBatch(value, multipliers, status, iterations, kappa)
 
+    def protected(self) -> "DirectionBatch":
+        """The same answers in read-only views."""
+        return DirectionBatch(
+            read_only(self.value),
+            read_only(self.multipliers),
+            read_only(self.status),
+            read_only(self.iterations),
+            None if self.radius_multiplier is None else read_only(self.radius_multiplier),
+        )
+
     def owned(self) -> "DirectionBatch":
         """A copy in writeable C-contiguous float64 and int64: what a solver hands out may be none of that.
 
@@ -126,6 +136,9 @@ class DirectionBatch(Sequence[Direction]):
             np.array(real_values(f"{name} of the answers", array), order="C")
             for name, array in (("value", self.value), ("multipliers", self.multipliers))
         )
+        for name, array in (("status", self.status), ("iterations", self.iterations)):
+            if np.asarray(array).dtype.kind not in "iu":
+                raise ValueError(f"{name} of the answers should be integers; found dtype {np.asarray(array).dtype}")
         status, iterations = (np.array(array, dtype=np.int64) for array in (self.status, self.iterations))
         for name, array, axes in (("value", value, 2), ("multipliers", multipliers, 2), ("status", status, 1)):
             if array.ndim != axes:

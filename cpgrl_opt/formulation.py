@@ -91,26 +91,26 @@ class Formulation:
         """B tangent problems, followed by B restoration problems unless these are inside; rate_ratio is αₑ/α₁."""
         runs, channels, n = constraints.gradients.shape
         count, m = runs if self.restores_inside else 2 * runs, channels - 1
-        batch = ProblemBatch.trusted(
+        g, J, b, is_equality = (
             np.empty((count, n)), np.empty((count, m, n)), np.empty((count, m)), np.empty((count, m), np.bool_)
-        )
+        )  # fmt: skip
         is_finite = step_kernels().fill_problems(
             constraints.gradients,
             constraints.target,
             constraints.active,
             self.is_equality,
             rate_ratio if self.restores_inside else 0.0,
-            batch.gradient,
-            batch.jacobian,
-            batch.bound,
-            batch.equality,
+            g,
+            J,
+            b,
+            is_equality,
         )
         if not is_finite:
             raise ValueError(
                 "slack, times restoration_rate / step_size where the restoration is inside, should be finite in units "
                 "of its constraint's gradient; found one that overflows"
             )
-        return batch
+        return ProblemBatch.trusted(g, J, b, is_equality)
 
 
 FORMULATIONS = {

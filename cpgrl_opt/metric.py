@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import ArrayLike, Float, Int
-from .validation import finite_array, real_array, require_shape
+from .validation import finite_array, read_only, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
 
@@ -34,6 +34,15 @@ class Whitening:
 
     factor: Metric
     correction: Float[np.ndarray, "n n"] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", read_only(self.factor))
+        if self.correction is not None:
+            object.__setattr__(self, "correction", read_only(self.correction))
+
+    def copied(self) -> "Whitening":
+        """The same L in arrays of its own."""
+        return Whitening(self.factor.copy(), None if self.correction is None else self.correction.copy())
 
     def rows(self, rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
         """JL⁻ᵀ: gradients, one a row, in the coordinates where M = I."""

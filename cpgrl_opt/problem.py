@@ -16,7 +16,7 @@ import numpy as np
 
 from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Vector
 from .metric import Metric, Whitening, validated_metric
-from .validation import finite_array, mask_array, real_array, require_positive, require_shape
+from .validation import finite_array, mask_array, read_only, real_array, require_positive, require_shape
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -59,9 +59,7 @@ class DirectionProblem:
         _require_bounds(b, is_equality)
         _set_fields(self, g, J, b, is_equality)
         if metric is not None:
-            M, whitening = validated_metric(metric, n)
-            object.__setattr__(self, "metric", M)
-            object.__setattr__(self, "whitening", whitening)
+            _set_metric(self, *validated_metric(metric, n))
         if radius is not None:
             require_positive("radius", radius)
             object.__setattr__(self, "radius", float(radius))
@@ -75,6 +73,15 @@ class DirectionProblem:
         """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         problem = object.__new__(cls)
         _set_fields(problem, gradient, jacobian, bound, equality)
+        return problem
+
+    def copied(self) -> "DirectionProblem":
+        """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
+        problem = DirectionProblem.trusted(*(array.copy() for array in _arrays(self)))
+        if self.metric is not None and self.whitening is not None:
+            _set_metric(problem, self.metric.copy(), self.whitening.copied())
+        if self.radius is not None:
+            object.__setattr__(problem, "radius", self.radius)
         return problem
 
     @cached_property
@@ -186,7 +193,7 @@ class ProblemBatch(Sequence[DirectionProblem]):
         if radii:
             if len(radii) < len(problems):
                 raise ValueError(f"problems should all have a radius, or none; found {len(radii)} of {len(problems)}")
-            object.__setattr__(batch, "radius", np.array(radii))
+            object.__setattr__(batch, "radius", read_only(np.array(radii)))
         return batch
 
     def in_geometry(
@@ -202,20 +209,30 @@ class ProblemBatch(Sequence[DirectionProblem]):
             _set_metrics(batch, [pair] * len(self))  # type: ignore[list-item]
         if radius is not None:
             require_positive("radius", radius)
-            object.__setattr__(batch, "radius", np.full(len(self), float(radius)))
+            object.__setattr__(batch, "radius", read_only(np.full(len(self), float(radius))))
         return batch
 
     def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
         """The problems where the mask is True."""
-        part = ProblemBatch(self.gradient[mask], self.jacobian[mask], self.bound[mask], self.equality[mask])
+        part = ProblemBatch.trusted(*(array[mask] for array in _arrays(self)))
         self._hand_geometry(part, np.flatnonzero(mask))
         return part
+
+    def copied(self) -> "ProblemBatch":
+        """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
+        batch = ProblemBatch.trusted(*(array.copy() for array in _arrays(self)))
+        if self.whitening is not None and self.metric is not None:
+            pairs = {id(L): (M.copy(), L.copied()) for M, L in zip(self.metric, self.whitening, strict=True)}
+            _set_metrics(batch, [pairs[id(L)] for L in self.whitening])
+        if self.radius is not None:
+            object.__setattr__(batch, "radius", read_only(self.radius.copy()))
+        return batch
 
     def _hand_geometry(self, part: "ProblemBatch", index: Int[np.ndarray, "part"]) -> None:
         if self.whitening is not None and self.metric is not None:
             _set_metrics(part, [(self.metric[k], self.whitening[k]) for k in index])
         if self.radius is not None:
-            object.__setattr__(part, "radius", self.radius[index])
+            object.__setattr__(part, "radius", read_only(self.radius[index]))
 
     def __len__(self) -> int:
         return len(self.gradient)
@@ -225,25 +242,32 @@ class ProblemBatch(Sequence[DirectionProblem]):
     @overload
     def __getitem__(self, index: slice) -> "ProblemBatch": ...
     def __getitem__(self, index: int | slice) -> "DirectionProblem | ProblemBatch":
-        parts = (self.gradient[index], self.jacobian[index], self.bound[index], self.equality[index])
         if isinstance(index, slice):
-            part = ProblemBatch(*parts)
+            part = ProblemBatch.trusted(*(np.ascontiguousarray(array[index]) for array in _arrays(self)))
             self._hand_geometry(part, np.arange(len(self))[index])
             return part
-        problem = DirectionProblem(*parts)
+        problem = DirectionProblem.trusted(*(array[index] for array in _arrays(self)))
         if self.whitening is not None and self.metric is not None:
-            object.__setattr__(problem, "metric", self.metric[index])
-            object.__setattr__(problem, "whitening", self.whitening[index])
+            _set_metric(problem, self.metric[index], self.whitening[index])
         if self.radius is not None:
             object.__setattr__(problem, "radius", float(self.radius[index]))
         return problem
 
 
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
-    object.__setattr__(frozen, "gradient", g)
-    object.__setattr__(frozen, "jacobian", J)
-    object.__setattr__(frozen, "bound", b)
-    object.__setattr__(frozen, "equality", is_equality)
+    # Faster than four times object.__setattr__, in the way of every update of a training.
+    vars(frozen).update(
+        gradient=read_only(g), jacobian=read_only(J), bound=read_only(b), equality=read_only(is_equality)
+    )
+
+
+def _arrays(of: DirectionProblem | ProblemBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return of.gradient, of.jacobian, of.bound, of.equality
+
+
+def _set_metric(problem: DirectionProblem, metric: Metric, whitening: Whitening) -> None:
+    object.__setattr__(problem, "metric", read_only(metric))
+    object.__setattr__(problem, "whitening", whitening)
 
 
 def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Metric, Whitening]]) -> None:
@@ -254,7 +278,7 @@ def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Metric, Whitening]
         stacked = np.broadcast_to(metrics[0][0], (len(metrics), *metrics[0][0].shape))
     else:
         stacked = np.stack([M for M, _ in metrics])
-    object.__setattr__(batch, "metric", stacked)
+    object.__setattr__(batch, "metric", read_only(stacked))
     object.__setattr__(batch, "whitening", tuple(whitening for _, whitening in metrics))
 
 

@@ -28,7 +28,15 @@ from .solvers import (
     tolerance_of,
 )
 from .step_geometry import StepGeometry
-from .validation import finite_array, is_finite, require_member, require_nonnegative, require_shape
+from .validation import (
+    boolean_array,
+    finite_array,
+    is_finite,
+    read_only,
+    require_member,
+    require_nonnegative,
+    require_shape,
+)
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -134,7 +142,7 @@ class ConstrainedStep:
         self,
         linearization: Linearization,
         thresholds: ArrayLike,
-        previous: Bool[np.ndarray, "*runs m"] | None = None,
+        previous: ArrayLike | None = None,
         observe: Observer | None = None,
     ) -> StepResult:
         """The change of θ that climbs Δ¹ while the active constraints hold or are restored.
@@ -150,15 +158,9 @@ class ConstrainedStep:
         if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
-        if previous is not None:
-            require_shape("previous", np.asarray(previous), slack.shape)
-        active = np.asarray(self.rule(slack, previous))  # type: ignore[operator]
-        if active.dtype != np.bool_ or active.shape != slack.shape:
-            raise ValueError(
-                f"rule should return booleans of shape {slack.shape}; found {active.dtype} of shape {active.shape}"
-            )
+        active = self._active(slack, previous)
         runs = slack.shape[:-1]
-        gradients, active = np.ascontiguousarray(linearization.gradients), np.ascontiguousarray(active)
+        gradients = np.ascontiguousarray(linearization.gradients)
         if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
             gradients = gradients.copy()
         if len(runs) == 1:
@@ -171,6 +173,24 @@ class ConstrainedStep:
         change, stationary = run.step(run.admitted(*stacked))
         counts = {name: counted.reshape(runs) for name, counted in run.counted().items()}
         return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), counts)
+
+    def _active(self, slack: np.ndarray, previous: ArrayLike | None) -> Bool[np.ndarray, "*runs m"]:
+        """What the rule chooses, copied, since it may use its array again; what it is handed cannot be written to."""
+        if previous is not None:
+            previous = boolean_array("previous", previous)
+            require_shape("previous", previous, slack.shape)
+        try:
+            active = np.array(self.rule(read_only(slack), previous), order="C")  # type: ignore[operator]
+        except ValueError as error:
+            if "read-only" in str(error):
+                raise ValueError(f"rule should work on copies; found {self.rule!r}, which wrote: {error}") from error
+            raise
+        if active.dtype != np.bool_ or active.shape != slack.shape:
+            raise ValueError(
+                f"rule should return booleans of shape {slack.shape}; found {active.dtype} of shape {active.shape}, "
+                f"from {self.rule!r}"
+            )
+        return active
 
 
 @cache
@@ -298,7 +318,7 @@ class _Run:
         if type(solver) not in SELF_JUDGING:  # a subclass may do anything
             answers = refereed(problems, answers, tolerance_of(solver))
         if self.observe is not None:
-            self.observe(problems, answers)
+            self.observe(problems, answers.protected())
         if np.count_nonzero(answers.status):
             members = np.resize(runs, len(answers))
             answers = self.mended(problems, answers, members)
@@ -317,7 +337,7 @@ class _Run:
             again = ActiveSet().solve_batch(problems.chosen(failed))
             answers = answers.replaced(failed, again)
             if self.observe is not None:
-                self.observe(problems.chosen(failed), again)
+                self.observe(problems.chosen(failed), again.protected())
         skipped = runs[answers.status > Status.INFEASIBLE]
         self.counts["skipped"][skipped] = 1
         self.any_skipped = self.any_skipped or skipped.size > 0

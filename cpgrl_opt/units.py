@@ -14,6 +14,7 @@ import numpy as np
 from .arrays import Float, Int, Multipliers, Vector
 from .metric import Whitening, balancing_exponents
 from .problem import DirectionProblem
+from .validation import read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,8 @@ def in_units(problem: DirectionProblem, direction: Vector | None = None) -> Unit
         _shifted(problem.bound, -rows - length),
         problem.equality,
     )
-    object.__setattr__(scaled, "metric", _shifted(M, 2 * columns if M.ndim == 1 else columns + columns[:, None]))
+    units = 2 * columns if M.ndim == 1 else columns + columns[:, None]
+    object.__setattr__(scaled, "metric", read_only(_shifted(M, units)))
     factor = whitening.factor
     scaled_factor = _shifted(factor, columns if factor.ndim == 1 else columns[:, None])
     object.__setattr__(scaled, "whitening", Whitening(scaled_factor, whitening.correction))

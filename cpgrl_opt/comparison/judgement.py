@@ -1,7 +1,6 @@
 """What an answer is worth: the outcome of one solver on one problem, judged from the problem's data alone."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -25,18 +24,6 @@ class Judgement:
 HUNG = Judgement("hang", "", float("inf"))
 CRASHED = Judgement("crash", "", float("inf"))
 UNSUPPORTED = Judgement("unsupported", Status.UNSUPPORTED.name, float("inf"))
-
-
-def as_direction(answer: Any, problem: DirectionProblem) -> Direction:
-    """A third party's answer in our types; TypeError, ValueError or AttributeError where it is no direction."""
-    value = np.array(answer.value, dtype=np.float64)
-    multipliers = np.array(answer.multipliers, dtype=np.float64)
-    if value.shape != (problem.n,) or multipliers.shape != (problem.m,):
-        raise ValueError(
-            f"value and multipliers should have shapes {(problem.n,)} and {(problem.m,)}; "
-            f"found {value.shape} and {multipliers.shape}"
-        )
-    return Direction(value, multipliers, Status(int(answer.status)))
 
 
 def judge(

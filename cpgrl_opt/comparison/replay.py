@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..answers import as_direction
 from ..arrays import Float, Int
-from ..direction import Status
 from ..kkt import kkt_residuals
 from ..problem import DirectionProblem
+from ..solvers.asking import in_form
 from ..solvers.infeasibility import least_violation
 from ..solvers.interface import DirectionSolver
 from .families import ProblemFamily
@@ -62,11 +63,13 @@ def replay(recording: Recording, solver: DirectionSolver, *, warm: bool = False,
 
 
 def _solve(solver: DirectionSolver, problem: DirectionProblem, index: int, done: Replay) -> None:
+    own = problem.copied()  # what it does to its arrays, the referee does not see
     begun = process_time()
-    direction = solver.solve(problem)
+    answer = solver.solve(own)
     seconds = process_time() - begun
-    done.status[index] = Status(direction.status)
-    done.iterations[index] = getattr(direction, "iterations", 0)
+    direction = in_form(solver, as_direction, answer, problem.n, problem.m)
+    done.status[index] = direction.status
+    done.iterations[index] = direction.iterations
     done.worst[index] = kkt_residuals(problem, direction).worst
     done.seconds[index] = min(done.seconds[index], seconds)
 

@@ -20,6 +20,7 @@ from statistics import median
 from time import process_time_ns
 from typing import Any, BinaryIO
 
+from ..answers import as_direction
 from ..direction import Direction
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS, MissingPackageError, compile_kernels
@@ -27,7 +28,7 @@ from ..solvers.packages import require_import
 from .contestants import DEFAULT_SOLVER, contestant
 from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import ProblemFamily
-from .judgement import CRASHED, HUNG, UNSUPPORTED, Judgement, as_direction, judge
+from .judgement import CRASHED, HUNG, UNSUPPORTED, Judgement, judge
 from .measurement import Measurement
 from .named_families import family_named
 
@@ -142,7 +143,8 @@ class Bench:
             yield measured(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
             return
         noise.grew()
-        direction, first = answered(candidate.solve, problem)
+        own = problem.copied()  # what it does to its arrays, flags or no flags, the judge and the others do not see
+        direction, first = answered(candidate.solve, own)
         judgement = CRASHED
         if direction is not None:
             is_raw = order.variant == "raw"
@@ -152,7 +154,7 @@ class Bench:
         if direction is None or judgement is HUNG:
             yield unanswered(order, started, judgement, noise=noise.grew())
             return
-        seconds, ratio = timed(candidate.solve, self.default, problem, first=first, repeats=order.repeats)
+        seconds, ratio = timed(candidate.solve, self.default, own, first=first, repeats=order.repeats)
         yield measured(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise.grew())
 
 
@@ -162,7 +164,7 @@ def answered(solve: Solve, problem: DirectionProblem) -> tuple[Direction | None,
     try:
         answer = solve(problem)
         seconds = (process_time_ns() - start) * 1e-9
-        return as_direction(answer, problem), seconds
+        return as_direction(answer, problem.n, problem.m), seconds
     except Exception:  # whatever a third party raises is its outcome
         return None, (process_time_ns() - start) * 1e-9
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from .active_set import ActiveSet
+from .asking import vouch_for
 from .enumeration import Enumeration
 from .geometry import WithGeometry
 from .interface import (
@@ -49,8 +50,9 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
 )
 
 # They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where
-# they are used.
+# they are used, on arrays that it never got hold of (see `asking`).
 SELF_JUDGING = tuple({type(solver) for solver in SOLVERS.values()})
+vouch_for((*SELF_JUDGING, WithGeometry))  # which asks the solver inside it with the same care
 
 
 def solver_named(name: str) -> DirectionSolver:

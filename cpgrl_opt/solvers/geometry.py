@@ -19,6 +19,7 @@ from ..direction import Direction, DirectionBatch, Status
 from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
 from ..units import Units, in_units
+from .asking import ask
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
 from .infeasibility import FARKAS_TOLERANCE
 from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
@@ -93,8 +94,8 @@ class WithGeometry:
         if not self.supports(problem):
             return unsupported(problem)
         if problem.metric is None and problem.radius is None:
-            return self.solver.solve(problem)
-        return solve_transformed(self.solver.solve, problem, self.tolerance)
+            return ask(self.solver, problem)
+        return solve_transformed(partial(ask, self.solver), problem, self.tolerance)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """B problems of one shape."""
@@ -103,7 +104,8 @@ class WithGeometry:
             return solve_batch(self.solver, stacked)
         if not all(self.supports(problem) for problem in stacked):
             return DirectionBatch.stack([self.solve(problem) for problem in stacked])
-        return solve_batch_transformed(self.solver.solve, partial(solve_batch, self.solver), stacked, self.tolerance)
+        one, many = partial(ask, self.solver), partial(solve_batch, self.solver)
+        return solve_batch_transformed(one, many, stacked, self.tolerance)
 
 
 def without_geometry(problem: DirectionProblem) -> DirectionProblem:

@@ -1,7 +1,7 @@
 """What a direction solver is, and how to ask one that declares little."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..kkt import (
     violation_tolerance,
 )
 from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
+from .asking import ask, ask_batch
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
 LARGEST_TOLERANCE = 1e-3  # residuals are relative: at 1, d = g with μ = 0 passes for an optimum everywhere
@@ -52,6 +53,8 @@ def refereed(
     """
     answers = answers.owned()
     status = answers.status
+    if len(answers) != len(problems):
+        raise ValueError(f"answers should be one for each of {len(problems)} problems; found {len(answers)}")
     for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
         if answer.status == Status.OPTIMAL and not kkt_residuals(problem, answer).worst <= tolerance:
             status[k] = Status.UNCERTIFIED
@@ -167,30 +170,34 @@ def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
     if has_geometry and not getattr(solver, "takes_geometry", False):
         return False
     declared: Any = getattr(solver, "supports", None)
-    return True if declared is None else bool(declared(problem))
+    found = True if declared is None else declared(problem)
+    if not isinstance(found, bool | np.bool_):
+        raise ValueError(f"supports should return True or False; found {found!r}, from {solver!r}")
+    return bool(found)
 
 
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
     """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop.
 
-    A problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises. Of a batch of
-    no problems it is not asked.
+    A problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises; ValueError
+    where it writes to the problems or returns no directions. Of a batch of no problems it is not asked.
     """
     if len(problems) == 0:
         return no_answers(problems)
-    batch: Callable[[Any], DirectionBatch] | None = getattr(solver, "solve_batch", None)
-    if batch is not None and getattr(solver, "declines_by_itself", False):
-        return batch(problems)
+    problems = ProblemBatch.stack(problems)
+    has_batch = getattr(solver, "solve_batch", None) is not None
+    if has_batch and getattr(solver, "declines_by_itself", False):
+        return ask_batch(solver, problems)
     taken = np.array([supports(solver, problem) for problem in problems], dtype=np.bool_)
-    if batch is None:
+    if not has_batch:
         pairs = zip(problems, taken, strict=True)
-        return DirectionBatch.stack([solver.solve(each) if takes else unsupported(each) for each, takes in pairs])
+        return DirectionBatch.stack([ask(solver, each) if takes else unsupported(each) for each, takes in pairs])
     if taken.all():
-        return batch(problems)
+        return ask_batch(solver, problems)
     answers = DirectionBatch.stack([unsupported(problem) for problem in problems])
     if not taken.any():
         return answers
-    return answers.replaced(taken, batch(ProblemBatch.stack(problems).chosen(taken)))
+    return answers.replaced(taken, ask_batch(solver, problems.chosen(taken)))
 
 
 def no_answers(problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:

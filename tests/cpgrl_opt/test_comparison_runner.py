@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import Direction, DirectionProblem, Status
+from cpgrl_opt.answers import as_direction
 from cpgrl_opt.comparison.exact import exact_answer
-from cpgrl_opt.comparison.judgement import as_direction, judge
+from cpgrl_opt.comparison.judgement import judge
 from cpgrl_opt.comparison.measurement import Measurement, read_measurements
 from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint, run_comparison
 
@@ -192,5 +193,8 @@ def test_a_verdict_of_infeasibility_is_worth_its_proof() -> None:
 
 
 def test_an_answer_of_another_shape_is_none() -> None:
-    with pytest.raises(ValueError, match="value and multipliers should have shapes"):
-        as_direction(SimpleNamespace(value=[1.0], multipliers=[0.0], status=0), HALF_PLANE)
+    answer = SimpleNamespace(value=[1.0], multipliers=[0.0], status=0)
+    with pytest.raises(
+        ValueError, match=r"solve should return a Direction \(value \(2,\).*found value of shape \(1,\)"
+    ):
+        as_direction(answer, HALF_PLANE.n, HALF_PLANE.m)

@@ -1,0 +1,342 @@
+"""Somebody else's solver, rule or observer: it cannot change what it is judged by, and hears what should come."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import blas
+
+from cpgrl_opt import (
+    SOLVERS,
+    ConstrainedStep,
+    Direction,
+    DirectionBatch,
+    DirectionProblem,
+    Linearization,
+    ProblemBatch,
+    Status,
+    WithGeometry,
+    kkt_residuals,
+)
+from cpgrl_opt.comparison import worker
+from cpgrl_opt.comparison.contestants import Contestant
+from cpgrl_opt.comparison.recording import Recording
+from cpgrl_opt.comparison.replay import replay
+from cpgrl_opt.solvers import refereed, solve_batch
+
+FORMULATIONS = ["equality", "cone", "restoring"]
+# With rates 1 the step is [1, 0.1]: the row [0, 10] asks for 10 d₂ ≥ 1. On a unit row it would ask for d₂ ≥ 1.
+LINEARIZATION = Linearization([0.0, -1.0], [[1.0, 0.0], [0.0, 10.0]])
+PROBLEM = DirectionProblem([1.0, 0.0], [[0.0, 10.0]], [1.0], metric=[1.0, 4.0])
+
+
+def step_of(solver, **settings):
+    settings = {"step_size": 1.0, "restoration_rate": 1.0, "formulation": "restoring", **settings}
+    return ConstrainedStep(solver=solver, **settings)
+
+
+def divide(rows):
+    """Rows to length 1 in place, as one would write it."""
+    rows /= np.linalg.norm(rows, axis=-1, keepdims=True)
+
+
+def divide_by_blas(rows):
+    """The same by BLAS, which does not look at NumPy's flags."""
+    for row in rows.reshape(-1, rows.shape[-1]):
+        blas.dscal(1.0 / np.linalg.norm(row), row)
+
+
+def divide_with_the_flag_turned(rows):
+    rows.flags.writeable = True
+    divide(rows)
+
+
+@dataclass(frozen=True)
+class UnitRows:
+    """Makes unit rows in place, and forgets b."""
+
+    divide: object
+
+    def solve(self, problem):
+        self.divide(problem.jacobian)
+        return SOLVERS["active-set"].solve(problem)
+
+
+@dataclass(frozen=True)
+class UnitRowsOfBatches(UnitRows):
+    def solve_batch(self, problems):
+        self.divide(problems.jacobian)
+        return SOLVERS["active-set"].solve_batch(problems)
+
+
+BOTH = pytest.mark.parametrize("kind", [UnitRows, UnitRowsOfBatches])
+
+
+@BOTH
+@pytest.mark.parametrize("settings", [{}, {"metric": [1.0, 1.0]}])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_solver_that_writes_to_the_problem_is_named_and_told_to_copy(kind, settings, formulation):
+    solver = WithGeometry(kind(divide)) if settings else kind(divide)
+    with pytest.raises(ValueError, match=rf"work on copies; found {kind.__name__}.*read-only"):
+        step_of(solver, formulation=formulation, **settings)(LINEARIZATION, [0.0])
+
+
+@BOTH
+@pytest.mark.parametrize("settings", [{}, {"metric": [1.0, 1.0]}, {"radius": 10.0}])
+@pytest.mark.parametrize("how", [divide_by_blas, divide_with_the_flag_turned])
+def test_a_solver_that_writes_past_the_flag_is_judged_by_the_problem_as_it_was(kind, settings, how):
+    solver = WithGeometry(kind(how)) if settings else kind(how)
+    found = step_of(solver, **settings)(LINEARIZATION, [0.0])
+    np.testing.assert_allclose(found.change, step_of("active-set", **settings)(LINEARIZATION, [0.0]).change, rtol=1e-9)
+    if not settings:
+        np.testing.assert_allclose(found.change, [1.0, 0.1], rtol=1e-12)
+        assert found.counts["fallback"] == 1
+
+
+@BOTH
+def test_what_such_a_solver_claims_is_rejected_wherever_it_is_asked(kind):
+    """Multipliers of the unit row are not those of [0, 10]."""
+    solver = kind(divide_by_blas)
+    answer = WithGeometry(solver).solve(PROBLEM)
+    assert answer.status != Status.OPTIMAL or kkt_residuals(PROBLEM, answer).worst <= 1e-6
+    batch = ProblemBatch([[1.0, 0.0]], [[[0.0, 10.0]]], [[1.0]], [[False]])
+    assert refereed(batch, solve_batch(solver, batch), 1e-6).status.tolist() == [Status.UNCERTIFIED]
+    np.testing.assert_array_equal(batch.jacobian, [[[0.0, 10.0]]])
+
+
+@BOTH
+def test_a_comparison_judges_by_the_problem_as_it_was(kind, monkeypatch):
+    solver = kind(divide_by_blas)
+    monkeypatch.setattr(worker, "contestant", lambda *_: Contestant(solver.solve, lambda _: True))
+    problem = DirectionProblem([1.0, 0.0], [[0.0, 10.0]], [1.0])
+    bench = worker.Bench()
+    monkeypatch.setattr(bench, "problem", lambda *_: worker.Drawn(problem, True, None))
+    order = worker.Order("active-set", "prepared", "random-3", 0, 0, 1.0, 1)
+    monkeypatch.setattr(worker, "family_named", lambda _: None)
+    [_, measured] = bench.carry_out(order, SimpleNamespace(grew=lambda: False))
+    assert measured.outcome == "silently-wrong"
+    np.testing.assert_array_equal(problem.jacobian, [[0.0, 10.0]])
+
+
+@BOTH
+def test_a_replay_judges_by_the_problem_as_it_was(kind):
+    zero = np.zeros(1, np.int64)
+    recording = Recording(
+        gradient=np.array([[1.0, 0.0]]), jacobian=np.array([[[0.0, 10.0]]]), bound=np.ones((1, 1)),
+        equality=np.zeros((1, 1), np.bool_), training=zero, run=zero, episode=zero, part=zero, stretch=zero,
+        trainings=("one",), selection="",
+    )  # fmt: skip
+    assert replay(recording, kind(divide_by_blas), repeats=2).worst[0] > 0.1
+
+
+def geometric_batch():
+    arrays = {"gradient": np.ones((3, 2)), "jacobian": np.ones((3, 1, 2)), "bound": np.zeros((3, 1))}
+    metric = [np.eye(2) * k + np.full((2, 2), 0.3) for k in (1, 2, 3)]
+    return ProblemBatch(**arrays, equality=np.zeros((3, 1), np.bool_), metric=metric, radius=[1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        geometric_batch,
+        lambda: geometric_batch()[::2],
+        lambda: geometric_batch()[1],
+        lambda: geometric_batch().chosen(np.array([True, False, True])),
+        lambda: geometric_batch().copied(),
+        lambda: geometric_batch()[1].copied(),
+        lambda: geometric_batch().in_geometry([1.0, 2.0], 3.0),
+        lambda: ProblemBatch.stack(list(geometric_batch())),
+        lambda: DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=[[2.0, 1.0], [1.0, 2.0]]),
+        lambda: DirectionProblem.trusted(np.ones(2), np.ones((1, 2)), np.zeros(1), np.zeros(1, np.bool_)),
+    ],
+)
+def test_every_array_of_every_problem_is_read_only(made):
+    problem = made()
+    whitenings = problem.whitening if isinstance(problem.whitening, tuple) else (problem.whitening,)
+    holders = (problem, *(each for each in whitenings if each is not None))
+    arrays = [each for holder in holders for each in vars(holder).values() if isinstance(each, np.ndarray)]
+    assert len(arrays) >= 4
+    assert not any(array.flags.writeable for array in arrays)
+
+
+def test_a_copy_of_problems_is_the_same_in_arrays_of_its_own():
+    for problem in (geometric_batch(), geometric_batch()[1], geometric_batch().in_geometry([1.0, 2.0], None)):
+        copy = problem.copied()
+        for name in ("gradient", "jacobian", "bound", "equality", "metric", "radius"):
+            np.testing.assert_array_equal(getattr(copy, name), getattr(problem, name))
+            if isinstance(getattr(problem, name), np.ndarray):
+                assert not np.shares_memory(getattr(copy, name), getattr(problem, name))
+
+
+def test_an_observer_that_writes_is_stopped():
+    for name in ("value", "multipliers", "status", "iterations"):
+
+        def spoil(_, answers, name=name):
+            getattr(answers, name)[:] = 0
+
+        with pytest.raises(ValueError, match="read-only"):
+            step_of("active-set")(LINEARIZATION, [0.0], observe=spoil)
+
+
+def tightened(slack, previous):
+    slack -= 0.5
+    return slack <= 0
+
+
+def grown(slack, previous):
+    previous |= slack <= 0
+    return previous
+
+
+@pytest.mark.parametrize("rule", [tightened, grown])
+def test_a_rule_that_writes_to_what_it_is_handed_is_named(rule):
+    with pytest.raises(ValueError, match=f"rule should work on copies; found .*{rule.__name__}.*read-only"):
+        step_of("active-set", rule=rule)(LINEARIZATION, [0.0], np.array([False]))
+
+
+def test_a_rule_may_use_its_array_again():
+    mask = np.array([True])
+    step = step_of("active-set", rule=lambda *_: mask)
+    first = step(LINEARIZATION, [0.0])
+    mask[:] = False
+    assert first.active.tolist() == [True]
+
+
+@pytest.mark.parametrize("previous", [[1], [0.5], ["yes"]])
+def test_what_is_no_mask_is_no_previous_active_set(previous):
+    with pytest.raises(ValueError, match="previous should be an array of booleans"):
+        step_of("active-set")(LINEARIZATION, [0.0], previous)
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Returns what it was made with; a function is called with the problem."""
+
+    answer: object
+
+    def solve(self, _):
+        return self.answer
+
+
+@dataclass(frozen=True)
+class OddInBatches(Odd):
+    def solve_batch(self, _):
+        return self.answer
+
+
+def made(**changes):
+    return SimpleNamespace(**{"value": np.zeros(2), "multipliers": np.zeros(1), "status": Status.OPTIMAL, **changes})
+
+
+ODD_ANSWERS = {
+    "None": (None, "found None"),
+    "a tuple": ((np.zeros(2), np.zeros(1), 0), r"found \(array"),
+    "an array": (np.zeros(2), r"found array\(\[0\., 0\.\]\)"),
+    "one number too few": (made(value=np.zeros(1)), r"found value of shape \(1,\)"),
+    "a column": (made(value=np.zeros((2, 1))), r"found value of shape \(2, 1\)"),
+    "multipliers of another problem": (made(multipliers=np.zeros(4)), r"found multipliers of shape \(4,\)"),
+    "no multipliers": (made(multipliers=None), "multipliers should be an array of real numbers"),
+    "complex numbers": (made(value=np.zeros(2, complex)), "value should be an array of real numbers"),
+    "a status that there is not": (made(status=7), "found the status 7"),
+    "a rounded status": (made(status=0.3), "found the status 0.3"),
+    "a truth value as status": (made(status=True), "found the status True"),
+    "a word as status": (made(status="solved"), "found the status 'solved'"),
+    "no status": (made(status=None), "found the status None"),
+    "iterations": (made(iterations="many"), "iterations should be an array of real numbers"),
+    "radius": (made(radius_multiplier=np.zeros(2)), r"found radius_multiplier of shape \(2,\)"),
+}
+
+
+@pytest.mark.parametrize("case", ODD_ANSWERS)
+def test_a_solve_that_returns_no_direction_is_told_what_to_return(case):
+    answer, found = ODD_ANSWERS[case]
+    message = (
+        rf"(?s)solve should return a Direction \(value \(2,\), multipliers \(1,\), status\).*{found}.*, from Odd\("
+    )
+    for formulation in FORMULATIONS:
+        with pytest.raises(ValueError, match=message):
+            step_of(Odd(answer), formulation=formulation)(LINEARIZATION, [0.0])
+    for problem in (PROBLEM, DirectionProblem(PROBLEM.gradient, PROBLEM.jacobian, PROBLEM.bound, radius=1.0)):
+        with pytest.raises(ValueError, match=message):
+            WithGeometry(Odd(answer)).solve(problem)
+
+
+def batch_of(value=(2, 2), multipliers=(2, 1), status=(0, 0)):
+    parts = {"value": np.zeros(value), "multipliers": np.zeros(multipliers), "status": np.array(status)}
+    return SimpleNamespace(**parts)
+
+
+ODD_BATCHES = {
+    "None": (None, "found None"),
+    "none": ([], "found 0"),
+    "one too many": ([made()] * 3, "found 3"),
+    "an array": (np.zeros((2, 2)), "found array"),
+    "one row too few": (batch_of(value=(1, 2)), r"found value of shape \(1, 2\)"),
+    "one column too many": (batch_of(value=(2, 3)), r"found value of shape \(2, 3\)"),
+    "multipliers of another shape": (batch_of(multipliers=(2, 2)), r"found multipliers of shape \(2, 2\)"),
+    "one status": (batch_of(status=[0]), r"found the statuses array\(\[0\]\)"),
+    "statuses that there are not": (batch_of(status=[0, 9]), r"found the statuses array\(\[0, 9\]\)"),
+    "rounded statuses": (batch_of(status=[0.0, 0.7]), "found the status 0.0"),
+}
+
+
+@pytest.mark.parametrize("case", ODD_BATCHES)
+def test_a_solve_batch_that_returns_no_directions_is_told_what_to_return(case):
+    answer, found = ODD_BATCHES[case]
+    two = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
+    message = rf"(?s)solve_batch should return a DirectionBatch \(value \(2, 2\).*{found}.*, from OddInBatches\("
+    with pytest.raises(ValueError, match=message):
+        step_of(OddInBatches(answer))(two, [0.0])
+
+
+def test_a_direction_in_a_batch_that_is_none_is_told_too():
+    two = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
+    with pytest.raises(ValueError, match=r"solve should return a Direction.*found None, from OddInBatches"):
+        step_of(OddInBatches([made(), None]))(two, [0.0])
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A right solver that returns its directions in a list, with names for statuses."""
+
+    asked: list = field(default_factory=list, hash=False)
+
+    def solve(self, problem):
+        answer = SOLVERS["nnls"].solve(problem)
+        return SimpleNamespace(value=answer.value, multipliers=answer.multipliers, status=answer.status.name.lower())
+
+    def solve_batch(self, problems):
+        self.asked.append(len(problems))
+        return [self.solve(problem) for problem in problems]
+
+
+def test_a_list_of_directions_is_an_answer_to_a_batch():
+    """The conformance kit takes it too."""
+    two = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
+    solver = Listing()
+    found = step_of(solver)(two, [0.0])
+    np.testing.assert_allclose(found.change, [[1.0, 0.1]] * 2, rtol=1e-12)
+    assert (solver.asked, found.counts["fallback"].tolist()) == ([2], [0, 0])
+
+
+def test_nan_multipliers_are_a_claim_that_is_rejected():
+    for status in (Status.OPTIMAL, Status.INFEASIBLE):
+        found = step_of(Odd(made(value=np.array([1.0, 0.1]), multipliers=np.array([np.nan]), status=status)))
+        result = found(LINEARIZATION, [0.0])
+        assert result.counts["fallback"] == 1
+        np.testing.assert_allclose(result.change, [1.0, 0.1], rtol=1e-12)
+
+
+def test_answers_to_other_problems_are_no_answers_to_these():
+    batch = ProblemBatch([[1.0, 0.0]], [[[0.0, 10.0]]], [[1.0]], [[False]])
+    answers = DirectionBatch.stack([Direction(np.zeros(2), np.zeros(1), Status.OPTIMAL)] * 2)
+    with pytest.raises(ValueError, match="answers should be one for each of 1 problems; found 2"):
+        refereed(batch, answers, 1e-6)
+
+
+@pytest.mark.parametrize("said", [None, 1, "yes", np.array([True, False])])
+def test_supports_that_says_neither_yes_nor_no_is_refused(said):
+    solver = SimpleNamespace(solve=SOLVERS["active-set"].solve, supports=lambda _: said)
+    with pytest.raises(ValueError, match="supports should return True or False; found"):
+        step_of(solver)(LINEARIZATION, [0.0])
