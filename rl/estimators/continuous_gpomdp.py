@@ -13,6 +13,7 @@ from ..policies import NormalizedGaussianNetwork
 from ..policies.normalized_gaussian_kernels import act, exchange
 from .continuous_rollout import ContinuousRollout, rollout_signature
 from .interface import Estimate
+from .reported_gradient import ReportedGradient, channels_from_start
 from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
@@ -32,12 +33,21 @@ class ContinuousGPOMDP:
         self.rollout = ContinuousRollout(advance, kernels, policy, settings.steps, streams)
         runs, channels, _ = self.rollout.shape
         self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
-        self.settings = (settings.weights == "paper", float(settings.trace_decay), float(settings.average_rate))
+        self.reported = ReportedGradient(
+            self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
+        )
+        self.paper = settings.weights == "paper"
+        self.rates = (float(settings.trace_decay), float(settings.average_rate))
+        self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
-        own = (*self.settings, self.average.per_step)
-        gradients, rewards, steps, events = self.rollout.advance(parameters, own)
+        runs, channels, n = self.rollout.shape
+        entered, spans = np.empty((runs, channels)), np.empty((runs, n))
+        own = (self.paper, *self.rates, self.from_start, self.reported.subtracts, self.average.per_step, entered, spans)
+        means, rewards, steps, events = self.rollout.advance(parameters, own)
+        updates = steps - self.paper
+        gradients = self.reported.convert(means, updates, entered, spans if self.reported.subtracts else None)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
 
@@ -57,7 +67,11 @@ def _meet(paper, decay, score, trace, met):  # type: ignore[no-untyped-def]
         trace[j] = extended
 
 
-@kernel(rollout_signature("boolean, float64, float64, float64[:, ::1]"))
+@kernel(
+    rollout_signature(
+        "boolean, float64, float64, boolean[::1], boolean, float64[:, ::1], float64[:, ::1], float64[:, ::1]"
+    )
+)
 def advance(  # type: ignore[no-untyped-def]
     reset,
     step,
@@ -72,7 +86,11 @@ def advance(  # type: ignore[no-untyped-def]
     paper,
     trace_decay,
     average_rate,
+    from_start,  # (1 + m,), channels in whose Δ r(x₀, u₀) enters
+    spanned,  # whether `spans` is wanted
     averages,  # (B, 1 + m), advanced
+    entered,  # (B, 1 + m), filled: Σ of the rewards in Δ
+    spans,  # (B, n), filled: Σ of what they met
     gradients,
     reward_sums,
     lengths,
@@ -85,11 +103,11 @@ def advance(  # type: ignore[no-untyped-def]
         size *= count
     state, action, reward = np.empty(counts.size), np.empty(n // size), np.empty(channels)
     weights, features, score, met = np.empty(counts.max()), np.empty(size), np.empty(n), np.empty(n)
-    theta, trace, sums = np.empty(n), np.empty(n), np.empty((channels, n))
+    theta, trace, sums, span = np.empty(n), np.empty(n), np.empty((channels, n)), np.zeros(n)
     for run in range(runs):
         random_state = random_states[run]
         exchange(parameters[run], size, theta)
-        sums[:], trace[:], reward_sums[run] = 0.0, 0.0, 0.0
+        sums[:], trace[:], span[:], reward_sums[run], entered[run] = 0.0, 0.0, 0.0, 0.0, 0.0
         reset(constants, random_state, state)
         event = length = updates = 0
         while event == 0 and length < limit:
@@ -99,13 +117,18 @@ def advance(  # type: ignore[no-untyped-def]
             enters = length > 0 or not paper  # as printed, r(x₀, u₀) enters neither Δ nor ρ
             length += 1
             updates += enters
+            if spanned and enters:
+                _add(met, 1.0, span)
             for i in range(channels):
                 reward_sums[run, i] += reward[i]
                 if enters:
                     averages[run, i] += average_rate * (reward[i] - averages[run, i])
+                if enters or from_start[i]:
+                    entered[run, i] += reward[i]
                     if reward[i] != 0.0:
                         _add(met, reward[i], sums[i])
         lengths[run], events[run] = length, event
         sums /= max(updates, 1)
         for i in range(channels):
             exchange(sums[i], n // size, gradients[run, i])
+        exchange(span, n // size, spans[run])

@@ -17,6 +17,7 @@ from ..policies import NormalizedGaussianNetwork
 from ..policies.normalized_gaussian_kernels import act, dot, exchange
 from .continuous_rollout import ContinuousRollout, rollout_signature
 from .interface import Estimate
+from .reported_gradient import ReportedGradient
 from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
@@ -36,6 +37,9 @@ class ContinuousKonda:
         self.rollout = ContinuousRollout(advance, kernels, policy, settings.steps, streams)
         runs, channels, n = self.rollout.shape
         self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        as_printed = settings.gradient == "episode mean"
+        self.reported = ReportedGradient(self.average.by_episode, settings.average_rate, runs, as_printed=as_printed)
+        self.centred = np.where(self.average.by_episode & (not as_printed), 0.0, 1.0)
         self.rates = (float(settings.trace_decay), float(settings.average_rate), float(settings.critic_rate))
         self.exchanged_critics = np.zeros((runs, channels, n))
         self.dimensions = policy.dimensions
@@ -49,8 +53,10 @@ class ContinuousKonda:
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
-        own = (*self.rates, self.average.per_step, self.exchanged_critics)
-        gradients, rewards, steps, events = self.rollout.advance(parameters, own)
+        own = (*self.rates, self.centred, self.average.per_step, self.exchanged_critics)
+        means, rewards, steps, events = self.rollout.advance(parameters, own)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
+            gradients = self.reported.convert(means, steps, rewards)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
 
@@ -78,7 +84,7 @@ def _criticize(surprise, rate, value, overlap, score, following, trace, critic, 
 
 
 @kernel(
-    rollout_signature("float64, float64, float64, float64[:, ::1], float64[:, :, ::1]"),
+    rollout_signature("float64, float64, float64, float64[::1], float64[:, ::1], float64[:, :, ::1]"),
 )
 def advance(  # type: ignore[no-untyped-def]
     reset,
@@ -94,6 +100,7 @@ def advance(  # type: ignore[no-untyped-def]
     trace_decay,
     average_rate,
     critic_rate,
+    centred,  # (1 + m,), 1 where the critic subtracts ρ, 0 where a sum over the episode is reported
     averages,  # (B, 1 + m), advanced
     critics,  # (B, 1 + m, n), advanced, exchanged
     gradients,
@@ -109,6 +116,7 @@ def advance(  # type: ignore[no-untyped-def]
     state, action, reward = np.empty(counts.size), np.empty(n // size), np.empty(channels)
     weights, features, values = np.empty(counts.max()), np.empty(size), np.empty(channels)
     theta, trace, scores, sums = np.empty(n), np.empty(n), np.empty((2, n)), np.empty((channels, n))
+    nothing = np.zeros(n)
     for run in range(runs):
         random_state = random_states[run]
         exchange(parameters[run], size, theta)
@@ -127,12 +135,14 @@ def advance(  # type: ignore[no-untyped-def]
             else:
                 following[:] = 0.0
             overlap = _extend(trace_decay, score, following, trace)
+            ends = event != 0 or length == limit
             for i in range(channels):
                 reward_sums[run, i] += reward[i]
                 averages[run, i] += average_rate * (reward[i] - averages[run, i])
                 values[i] = _criticize(
-                    reward[i] - averages[run, i], critic_rate, values[i], overlap,
-                    score, following, trace, critics[run, i], sums[i],
+                    reward[i] - centred[i] * averages[run, i], critic_rate, values[i], overlap, score,
+                    nothing if ends and centred[i] == 0.0 else following,  # a sum ends here
+                    trace, critics[run, i], sums[i],
                 )  # fmt: skip
         lengths[run], events[run] = length, event
         sums /= length

@@ -22,6 +22,7 @@ from ..kernels import kernel
 from ..policies import SoftmaxTable
 from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
+from .reported_gradient import channels_from_start
 from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
@@ -57,6 +58,10 @@ class FiniteGPOMDP:
         self.trace_decay, self.average_rate = float(settings.trace_decay), float(settings.average_rate)
         self.random_states = np.array([random_state(stream) for stream in streams])
         self.average = StoredAverage(settings.average, settings.average_rate, len(streams), channels)
+        # Episodes are equally long: for a report per step the mean over the updates is right, see `ReportedGradient`.
+        summed = self.average.by_episode & (settings.gradient == "reported")
+        self.divisors = np.where(summed, 1.0, max(self.steps - self.first, 1))
+        self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
         self.shape = (len(streams), channels, states * actions)
         self.taken, self.events = np.full(len(streams), self.steps), np.zeros(len(streams), dtype=np.int64)
 
@@ -71,6 +76,8 @@ class FiniteGPOMDP:
             self.start,
             self.steps,
             self.first,
+            self.from_start,
+            self.divisors,
             self.trace_decay,
             self.following,
             self.average_rate,
@@ -97,9 +104,10 @@ def _simulate(actions, transitions, start, random_states, visits):  # type: igno
 
 
 @kernel(
-    "void(int32[:, ::1], int64, float64[:, ::1], int64, float64, float64, float64, float64[:, ::1], float64[:, ::1])"
+    "void(int32[:, ::1], int64, float64[:, ::1], int64, boolean[::1], float64, float64, float64, float64[:, ::1], "
+    "float64[:, ::1])"
 )
-def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums):  # type: ignore[no-untyped-def]
+def _gather(visits, run, rewards, first, from_start, decay, following, rate, gathered, sums):  # type: ignore[no-untyped-def]
     """G[q] = Σ (r_t + c L_t) over visits to q, sums[0] = Σ r_t, sums[1] = Σ α_r (1 − α_r)^{T−1−t} r_t; four lanes."""
     steps = visits.shape[0]
     for i in range(0, rewards.shape[1], _LANES):
@@ -121,14 +129,16 @@ def _gather(visits, run, rewards, first, decay, following, rate, gathered, sums)
         later, total, recent = (L0, L1, L2, L3), (S0, S1, S2, S3), (M0, M1, M2, M3)
         for lane in range(_LANES):
             sums[0, i + lane], sums[1, i + lane] = total[lane], recent[lane]
-            if first == 1:  # r(x₀, u₀) enters neither Δ nor ρ, only the episode's sum
+            if first == 1:  # r(x₀, u₀) enters neither ρ per step nor its Δ, only the episode's sum and that one's
                 gathered[visits[0, run], i + lane] += following * later[lane]
                 sums[0, i + lane] += rewards[visits[0, run], i + lane]
+                if i + lane < from_start.size and from_start[i + lane]:
+                    gathered[visits[0, run], i + lane] += rewards[visits[0, run], i + lane]
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, int64, float64, float64, float64, "
-    "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
+    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], "
+    "float64, float64, float64, uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
 def advance(  # type: ignore[no-untyped-def]
     parameters,  # (B, S·A)
@@ -137,6 +147,8 @@ def advance(  # type: ignore[no-untyped-def]
     start,
     steps,
     first,
+    from_start,  # (1 + m,), channels in whose Δ r(x₀, u₀) enters
+    divisors,  # (1 + m,), of Δ
     trace_decay,
     following,
     average_rate,
@@ -159,8 +171,8 @@ def advance(  # type: ignore[no-untyped-def]
     kept = (1.0 - average_rate) ** updates
     for run in range(runs):
         gathered[:] = 0.0
-        _gather(visits, run, rewards, first, trace_decay, following, average_rate, gathered, sums)
-        contract(gathered, probabilities[run], max(updates, 1), gradients[run])
+        _gather(visits, run, rewards, first, from_start, trace_decay, following, average_rate, gathered, sums)
+        contract(gathered, probabilities[run], divisors, gradients[run])
         for i in range(averages.shape[1]):
             averages[run, i] = kept * averages[run, i] + sums[1, i]
             reward_sums[run, i] = sums[0, i]

@@ -46,6 +46,9 @@ class FiniteKonda:
         self.rates = (float(settings.trace_decay), float(settings.average_rate), float(settings.critic_rate))
         self.random_states = np.array([random_state(stream) for stream in streams])
         self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        summed = self.average.by_episode & (settings.gradient == "reported")
+        self.centred = np.where(summed, 0.0, 1.0)
+        self.divisors = np.where(summed, 1.0, self.steps)  # episodes are equally long: see `ReportedGradient`
         self.critics = np.zeros((runs, channels, states * actions))
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
@@ -58,6 +61,8 @@ class FiniteKonda:
             self.start,
             self.steps,
             *self.rates,
+            self.centred,
+            self.divisors,
             self.random_states,
             self.average.per_step,
             self.critics,
@@ -98,8 +103,8 @@ def _add(change, trace, critic):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, "
-    "uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])"
+    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, float64[::1], "
+    "float64[::1], uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
 def advance(  # type: ignore[no-untyped-def]
     parameters,  # (B, S·A)
@@ -110,6 +115,8 @@ def advance(  # type: ignore[no-untyped-def]
     trace_decay,
     average_rate,
     critic_rate,
+    centred,  # (1 + m,), 1 where the critic subtracts ρ, 0 where a sum over the episode is reported
+    divisors,  # (1 + m,), of Δ
     random_states,  # (B, 4), advanced
     averages,  # (B, 1 + m), advanced
     critics,  # (B, 1 + m, S·A), advanced
@@ -126,7 +133,7 @@ def advance(  # type: ignore[no-untyped-def]
         s = start
         word = next_word(random_states[run])
         a = drawn(thresholds[s], np.int64(word >> np.uint64(32)))
-        for _ in range(steps):
+        for t in range(steps):
             taken, q = a, s * actions + a
             _extend(trace_decay, probabilities[s], s, a, trace)
             following = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
@@ -139,7 +146,10 @@ def advance(  # type: ignore[no-untyped-def]
                 reward_sums[run, i] += reward
                 averages[run, i] += average_rate * (reward - averages[run, i])
                 next_row = critic[following * actions : (following + 1) * actions]
-                delta = reward - averages[run, i] + _value(next_row, probabilities[following], a) - value
+                later = _value(next_row, probabilities[following], a)
+                if t == steps - 1:
+                    later *= centred[i]  # a sum ends here
+                delta = reward - centred[i] * averages[run, i] + later - value
                 _add(critic_rate * delta, trace, critic)
             s = following
-        contract(gathered, probabilities, steps, gradients[run])
+        contract(gathered, probabilities, divisors, gradients[run])

@@ -50,9 +50,9 @@ def drawn(thresholds, draw):  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel("void(float64[:, ::1], float64[:, ::1], float64, float64[:, ::1])")
-def contract(gathered, probabilities, updates, gradients):  # type: ignore[no-untyped-def]
-    """Δⁱ = Σ_q ψ(q) Gⁱ[q] / updates: G − μ(s, ·) Σ_b G[s, b] in each state."""
+@kernel("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])")
+def contract(gathered, probabilities, divisors, gradients):  # type: ignore[no-untyped-def]
+    """Δⁱ = Σ_q ψ(q) Gⁱ[q] / divisors[i]: G − μ(s, ·) Σ_b G[s, b] in each state."""
     states, actions = probabilities.shape
     for i in range(gradients.shape[0]):
         for s in range(states):
@@ -61,4 +61,4 @@ def contract(gathered, probabilities, updates, gradients):  # type: ignore[no-un
                 total += gathered[s * actions + a, i]
             for a in range(actions):
                 q = s * actions + a
-                gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / updates
+                gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / divisors[i]

@@ -13,6 +13,7 @@ from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
 from ..rollout import episode, require_fitting, reward_channels
 from .interface import Estimate, Estimation
+from .reported_gradient import ReportedGradient, channels_from_start, require_gradient
 from .stored_average import StoredAverage, require_averages
 
 WEIGHTS = ("paper", "usual")
@@ -26,6 +27,12 @@ class GPOMDP:
     weighted 1, 1, β, β², … with the rewards from its own step on; r(x₀, u₀) enters neither Δ nor ρ, and an episode of
     T steps makes T − 1 updates. With "usual", rⁱ(x_t, u_t) meets z_{t+1}: weights 1, β, β², …, T updates.
     z and Δ restart with each episode; ρ goes on from the last one's (our reading of §2.4, which breaks off).
+
+    Δ is the gradient of the ρ that `average` reports, also where episodes differ in length (`ReportedGradient` derives
+    it): with "episode" the sum Σ_t rⁱ(z + ψ), with "step" Σ_t (rⁱ − ρⁱ)(z + ψ) over the mean number of updates, which
+    is eq. 3's mean where all episodes are equally long. With weights "paper" the report per step leaves the first step
+    out too: it is E[Σ_{t≥1} rⁱ]/E[T − 1]. The report per episode is the whole sum, so there r(x₀, u₀) meets ψ₀ in Δ.
+    gradient "episode mean" is eq. 3 as printed, the mean over each episode's own updates whatever `average` says.
 
     trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; steps T: an episode's time limit, unless the environment's
     own is shorter. average: "step" or "episode", for all channels or for each, see `StoredAverage`.
@@ -42,6 +49,7 @@ class GPOMDP:
     weights: str = "paper"
     steps: int = 100
     average: str | Sequence[str] = "step"
+    gradient: str = "reported"
 
     def __post_init__(self) -> None:
         if not 0 <= self.trace_decay < 1:
@@ -54,6 +62,7 @@ class GPOMDP:
         if not isinstance(self.average, str):
             object.__setattr__(self, "average", tuple(self.average))
         require_averages(self.average)
+        require_gradient(self.gradient)
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
@@ -85,28 +94,65 @@ class RolloutGPOMDP:
         self.rngs = [np.random.default_rng(stream) for stream in streams]
         channels = reward_channels(environment)
         require_fitting(environment, policy)
-        self.average = StoredAverage(settings.average, settings.average_rate, len(self.rngs), channels)
+        runs = len(self.rngs)
+        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
+        self.reported = ReportedGradient(
+            self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
+        )
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
-        runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
-        gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
+        played = [self._run(run, theta) for run, theta in enumerate(parameters)]
+        means, updates, entered, spans, steps, rewards, events = (
+            np.array([getattr(each, name) for each in played])
+            for name in ("gradients", "updates", "entered", "span", "steps", "rewards", "event")
+        )
+        gradients = self.reported.convert(means, updates, entered, spans)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
-    def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
-        beta, paper = self.settings.trace_decay, self.settings.weights == "paper"
-        policy, average = self.policy.with_parameters(theta), self.average.per_step[run]
-        trace, rewards = np.zeros(len(theta)), np.zeros(len(average))
-        gradients = np.zeros((len(average), len(theta)))
-        updates = steps = event = 0
+    def _run(self, run: int, theta: Vector) -> "_PlainEpisode":
+        policy = self.policy.with_parameters(theta)
+        course = _PlainEpisode(self.settings, self.from_start, self.average.per_step[run], len(theta))
         for step in episode(self.environment, policy, self.rngs[run], self.settings.steps):
-            score = policy.score(step.observation, step.action)
-            if steps > 0 or not paper:
-                updates += 1
-                met = trace + score if paper else beta * trace + score
-                gradients += (np.outer(step.reward, met) - gradients) / updates  # eq. 3
-                average += self.settings.average_rate * (step.reward - average)  # eq. 4, in place
-            trace = beta * trace + score
-            rewards += step.reward
-            steps, event = steps + 1, step.event
-        return gradients, steps, rewards, event
+            course.advance(step.reward, policy.score(step.observation, step.action))
+            course.event = step.event
+        return course
+
+
+class _PlainEpisode:
+    """One episode: z and Δ from zero; ρ, (1 + m,), is advanced in place.
+
+    mean: of r met over `updates`; first: r(x₀, u₀) ψ₀ where it comes on top; span: Σ_t of what the rewards met;
+    entered: Σ_t of the rewards in `mean`.
+    """
+
+    def __init__(self, settings: GPOMDP, from_start: np.ndarray, average: np.ndarray, n: int) -> None:
+        self.settings = settings
+        self.from_start = from_start
+        self.average = average
+        self.trace, self.span = np.zeros(n), np.zeros(n)
+        self.mean, self.first = np.zeros((2, len(average), n))
+        self.rewards, self.entered = np.zeros((2, len(average)))
+        self.updates = self.steps = self.event = 0
+
+    def advance(self, reward: np.ndarray, score: np.ndarray) -> None:
+        """The step with score ψ_t that yielded `reward`."""
+        beta, paper = self.settings.trace_decay, self.settings.weights == "paper"
+        if self.steps > 0 or not paper:
+            self.updates += 1
+            met = self.trace + score if paper else beta * self.trace + score
+            self.mean += (np.outer(reward, met) - self.mean) / self.updates  # eq. 3
+            self.average += self.settings.average_rate * (reward - self.average)  # eq. 4, in place
+            self.span += met
+            self.entered += reward
+        else:
+            self.first[self.from_start] = np.outer(reward[self.from_start], score)
+        self.trace = beta * self.trace + score
+        self.rewards += reward
+        self.steps += 1
+
+    @property
+    def gradients(self) -> np.ndarray:
+        """Δ over the number of updates, (1 + m, n)."""
+        return self.mean + self.first / max(self.updates, 1)

@@ -13,6 +13,7 @@ from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
 from ..rollout import Step, episode, require_fitting, reward_channels
 from .interface import Estimate, Estimation
+from .reported_gradient import ReportedGradient, require_gradient
 from .stored_average import StoredAverage, require_averages
 
 
@@ -28,9 +29,20 @@ class KondaActorCritic:
 
     rⁱ_t is what (x_t, u_t) yields. The paper prints r_{t+1}, with which Q(x_t, u_t) would lose its own reward; its
     limit is then off the exact gradient by more than half, against 0.003–0.011 (docs/reproduction.md, slip 9).
-    ρ is subtracted in every critic, in reward per step whatever `average` says. z and Δ restart with each episode;
-    w and ρ go on (§2.4 as we read it; resetting w kills learning). ψ_{t+1} = 0 after an event that ends the episode;
-    at the time limit one more action is drawn to bootstrap from.
+    z and Δ restart with each episode; w and ρ go on (§2.4 as we read it; resetting w kills learning). ψ_{t+1} = 0
+    after an event that ends the episode; at the time limit one more action is drawn to bootstrap from.
+
+    Δ is the gradient of the ρ that `average` reports, also where episodes differ in length. Given the past of step t,
+    E[ψ_t] = 0, so E[z ψ_{t+1}ᵀ] = 0, E[z ψ_tᵀ] = E[ψ_t ψ_tᵀ], and where w settles (sums over an episode of T steps)
+
+        E[Σ_t ψ_t ψ_tᵀ] wⁱ = E[Σ_t (rⁱ_t − ρⁱ) z]  →  ∇E[Σ_t rⁱ_t] − ρⁱ ∇E[T]    as β → 1
+
+    "step"     reports E[Σ rⁱ]/E[T]: Δⁱ = Σ_t Qⁱψ_t / (mean number of steps), eq. 5 where episodes are equally long
+    "episode"  reports E[Σ rⁱ]: this channel's critic subtracts no ρ, its sum ends at the time limit (ψ_{t+1} = 0), and
+               Δⁱ = Σ_t Qⁱψ_t
+    gradient "episode mean" is eq. 5 as printed: ρ per step subtracted in every critic, and the mean over each episode's
+    own steps, whatever `average` says. `ReportedGradient` says which mean number of steps it is.
+
     α_w ‖ψ‖² well below 1 keeps w bounded: with a Gaussian policy, whose ψ grows as 1/σ, σ ~ 1 in the unit of u.
     As the critic settles, w tends to the fixed point of TD(β) and Δ to E[ψψᵀ]w, as β → 1 to the exact gradient.
     That holds for small rates. At the paper's, α_r/(1 − β) = 2: ρ follows rewards as fast as z forgets, and on the
@@ -49,6 +61,7 @@ class KondaActorCritic:
     critic_rate: float = 0.02
     average: str | Sequence[str] = "step"
     steps: int = 1000
+    gradient: str = "reported"
 
     def __post_init__(self) -> None:
         if not 0 <= self.trace_decay < 1:
@@ -61,6 +74,7 @@ class KondaActorCritic:
             object.__setattr__(self, "average", tuple(self.average))
         require_averages(self.average)
         require_count("steps", self.steps)
+        require_gradient(self.gradient)
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
@@ -92,19 +106,24 @@ class RolloutKonda:
         self.rngs = [np.random.default_rng(stream) for stream in streams]
         channels = reward_channels(environment)
         require_fitting(environment, policy)
-        self.average = StoredAverage(settings.average, settings.average_rate, len(self.rngs), channels)
+        runs = len(self.rngs)
+        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        as_printed = settings.gradient == "episode mean"
+        self.reported = ReportedGradient(self.average.by_episode, settings.average_rate, runs, as_printed=as_printed)
+        self.centred = np.where(self.average.by_episode & (not as_printed), 0.0, 1.0)
         self.critics = np.zeros((len(self.rngs), channels, len(policy.parameters)))
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
             runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
-        gradients, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
+            means, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
+            gradients = self.reported.convert(means, steps, rewards)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
     def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
         policy, rng = self.policy.with_parameters(theta), self.rngs[run]
-        course = _Course(self.settings, self.average.per_step[run], self.critics[run])
+        course = _Course(self.settings, self.centred, self.average.per_step[run], self.critics[run])
         last: Step | None = None
         for step in episode(self.environment, policy, rng, self.settings.steps):
             score = policy.score(step.observation, step.action)
@@ -116,28 +135,36 @@ class RolloutKonda:
         following = np.zeros_like(course.score)
         if not last.event:
             following = policy.score(last.following, policy.sample(last.following, rng))
-        course.advance(last.reward, following)
+        course.advance(last.reward, following, last=True)
         return course.gradients, course.steps, course.rewards, last.event
 
 
 class _Course:
-    """One episode: z and Δ from zero; ρ and w, (1 + m,) and (1 + m, n), are advanced in place."""
+    """One episode: z and Δ from zero; ρ and w, (1 + m,) and (1 + m, n), are advanced in place.
 
-    def __init__(self, settings: KondaActorCritic, average: np.ndarray, critics: np.ndarray) -> None:
+    centred: (1 + m,), 1 where the critic subtracts ρ, 0 where a sum over the episode is reported.
+    """
+
+    def __init__(
+        self, settings: KondaActorCritic, centred: np.ndarray, average: np.ndarray, critics: np.ndarray
+    ) -> None:
         self.settings = settings
+        self.centred = centred
         self.average = average
         self.critics = critics
         self.score = self.trace = np.zeros(critics.shape[1])
         self.gradients, self.rewards = np.zeros_like(critics), np.zeros_like(average)
         self.steps = 0
 
-    def advance(self, reward: np.ndarray, following: np.ndarray) -> None:
-        """The step with score ψ_t that yielded `reward` and was followed by ψ_{t+1}."""
+    def advance(self, reward: np.ndarray, following: np.ndarray, *, last: bool = False) -> None:
+        """The step with score ψ_t that yielded `reward` and was followed by ψ_{t+1}; a sum ends with the last one."""
         settings, score = self.settings, self.score
         self.steps += 1
         self.rewards += reward
         self.gradients += (np.outer(self.critics @ score, score) - self.gradients) / self.steps  # eq. 5
         self.trace = settings.trace_decay * self.trace + score
         self.average += settings.average_rate * (reward - self.average)  # eq. 4
-        delta = reward - self.average + self.critics @ (following - score)
+        delta = reward - self.centred * self.average + self.critics @ (following - score)
+        if last:
+            delta -= (1.0 - self.centred) * (self.critics @ following)
         self.critics += settings.critic_rate * np.outer(delta, self.trace)

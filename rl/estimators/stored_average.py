@@ -9,6 +9,26 @@ from jaxtyping import Bool, Float
 AVERAGES = ("step", "episode")
 
 
+class MeanWeight:
+    """γ_k = α / (1 − (1 − α)ᵏ) of the k-th number in the mean M ← M + γ_k (x_k − M), which is Σ_j (1 − α)^{k−j} x_j
+    divided by the sum of its weights.
+
+    M is x_1 after the first number, the plain mean as long as k ≪ 1/α, and remembers about 1/α numbers later on; with
+    α = 0 it stays the plain mean. M is exactly x where all numbers are x, as γ_1 is exactly 1.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
+        self.count = 0
+        self.total = 0.0  # 1 − (1 − α)ᵏ, by the same recursion: a difference of powers would lose digits at small α
+
+    def next(self) -> float:
+        """γ_k for the next k, from 1 on."""
+        self.count += 1
+        self.total += self.rate * (1.0 - self.total)
+        return self.rate / self.total if self.rate > 0 else 1.0 / self.count
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class StoredAverage:
     """ρⁱ of B runs: stored at the end of an episode, the starting value in the next.

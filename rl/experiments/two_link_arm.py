@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -70,6 +71,7 @@ class ArmSettings:
     of CONDITIONS, put into their order. step_size α₁, restoration_rate αₑ, average_rate α_r, critic_rate α_w,
     trace_decay β. Safeguards, ours, without which the printed update diverges on the arm: ridge ε in the squared
     unit of a gradient, max_restoration ‖αₑ d‖ in the unit of θ; drop: see `ConstrainedStep`.
+    gradient: eq. 5 and 3 as printed, the mean over each episode's own steps, see `KondaActorCritic`.
     record: how many direction problems of each constrained case to keep, 0 for none.
     Raises ValueError for bad numbers and unknown names.
     """
@@ -91,6 +93,7 @@ class ArmSettings:
     ridge: float = 1e-4
     max_restoration: float = 0.1
     drop: str = "never"
+    gradient: str = "episode mean"
     compare: bool = False
     record: int = 0
 
@@ -125,15 +128,16 @@ class ArmSettings:
 
     def gradient_estimator(self, condition: str) -> GradientEstimator:
         """Eq. 5, or eq. 3, with eq. 4."""
-        average = CONDITIONS[condition].average
+        shared: dict[str, Any] = {
+            "trace_decay": self.trace_decay,
+            "average_rate": self.average_rate,
+            "average": CONDITIONS[condition].average,
+            "steps": self.steps,
+            "gradient": self.gradient,
+        }
         if self.estimator == "gpomdp":
-            return GPOMDP(
-                trace_decay=self.trace_decay, average_rate=self.average_rate, average=average, steps=self.steps
-            )
-        return KondaActorCritic(
-            trace_decay=self.trace_decay, average_rate=self.average_rate, average=average, steps=self.steps,
-            critic_rate=self.critic_rate,
-        )  # fmt: skip
+            return GPOMDP(**shared)
+        return KondaActorCritic(**shared, critic_rate=self.critic_rate)
 
     def learner(self, case: Case) -> Learner:
         """Plain policy gradient of r¹, CPGRL, or gradient plus restoration.

@@ -53,6 +53,9 @@ ESTIMATORS = {
     "GPOMDP": GPOMDP(trace_decay=0.9, average_rate=0.1, steps=1000),
     "GPOMDP, usual weights": GPOMDP(trace_decay=0.9, average_rate=0.1, weights="usual", steps=1000),
     "per episode": KondaActorCritic(average="episode"),
+    "GPOMDP, per episode": GPOMDP(average="episode", steps=1000),
+    "Konda as printed": KondaActorCritic(average="episode", gradient="episode mean"),
+    "GPOMDP as printed": GPOMDP(average="episode", gradient="episode mean", steps=1000),
 }
 
 
@@ -117,7 +120,7 @@ def test_compiled_and_plain_path_agree_on_the_same_draws(estimator: str, environ
     replays = [Replay(kernels, policy, stream) for stream in streams]
     plain = [plain_path(settings, replay, replay, streams[:1]) for replay in replays]
     lengths = set()
-    for _ in range(6):
+    for _ in range(8):
         parameters = rng.normal(size=(3, len(policy.parameters)))
         fast = compiled.episode(parameters)
         for run in range(3):

@@ -100,7 +100,8 @@ class ReplayedTable:
 @pytest.mark.parametrize("case", CASES)
 def test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws(case: str, weights: str) -> None:
     mdp, rng = mdp_of(case), np.random.default_rng(5)
-    settings = GPOMDP(weights=weights, steps=37, trace_decay=0.9, average_rate=0.1)
+    kinds = [("step", "episode")[k % 2] for k in range(mdp.reward_channels)]
+    settings = GPOMDP(weights=weights, steps=37, trace_decay=0.9, average_rate=0.1, average=kinds)
     policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
     compiled = settings.start(mdp, policy, streams)
     replays = [Replay(mdp, stream) for stream in streams]

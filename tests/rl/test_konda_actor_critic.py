@@ -152,10 +152,12 @@ class Replay:
         return self.state, reward, False, False, {}
 
 
+@pytest.mark.parametrize("average", ["step", "episode", "mixed"])
 @pytest.mark.parametrize("case", ["three-state", *CASES])
-def test_compiled_and_plain_path_agree_on_the_same_draws(case: str) -> None:
+def test_compiled_and_plain_path_agree_on_the_same_draws(case: str, average: Any) -> None:
     mdp, rng = mdp_of(case), np.random.default_rng(5)
-    settings = KondaActorCritic(steps=37, trace_decay=0.9, average_rate=0.1, critic_rate=0.05)
+    kinds = [("step", "episode")[k % 2] for k in range(mdp.reward_channels)] if average == "mixed" else average
+    settings = KondaActorCritic(steps=37, trace_decay=0.9, average_rate=0.1, critic_rate=0.05, average=kinds)
     policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
     compiled = settings.start(mdp, policy, streams)
     replays = [Replay(mdp, policy, stream) for stream in streams]
@@ -276,7 +278,33 @@ def test_an_average_per_episode_is_that_of_the_episodes_sums(estimator: Any, pat
         expected += 0.3 * (some.rewards - expected)
         np.testing.assert_allclose(some.values[:, [1, 3]], expected[:, [1, 3]])
         np.testing.assert_array_equal(some.values[:, [0, 2]], none.values[:, [0, 2]])
-        np.testing.assert_array_equal(some.gradients, none.gradients)  # which are per step whatever is shown
+        np.testing.assert_array_equal(some.gradients[:, [0, 2]], none.gradients[:, [0, 2]])
+
+
+@pytest.mark.parametrize("path", ["compiled", "plain"])
+def test_per_episode_a_critic_subtracts_no_average_and_its_sum_ends_at_the_limit(path: str) -> None:
+    """By hand on one state: w after two episodes of two steps, the second of which has Δ = Σ_t wᵀψ_t ψ_t."""
+    mdp = TabularMDP(np.ones((1, 2, 1)), [[[1.0, 3.0]]])
+    settings = KondaActorCritic(trace_decay=0.5, average_rate=0.1, critic_rate=0.1, average="episode", steps=2)
+    replay = Replay(mdp, SoftmaxTable(1, 2), episode_streams(1)[0])
+    environment: Any = mdp if path == "compiled" else replay
+    policy: Any = SoftmaxTable(1, 2) if path == "compiled" else replay
+    estimation = settings.start(environment, policy, episode_streams(1))
+    draws, w = Replay(mdp, SoftmaxTable(1, 2), episode_streams(1)[0]), np.zeros(2)
+    for _ in range(3):
+        estimate = estimation.episode(np.zeros((1, 2)))
+        draws.reset(0)
+        taken = []
+        for _ in range(3):  # the last one to bootstrap from, which a sum does not
+            taken.append(draws.sample(0, None))
+            draws.step(taken[-1])
+        scores = [np.array([-0.5, 0.5]) * (1 if action else -1) for action in taken]
+        trace, expected = np.zeros(2), np.zeros(2)
+        for t, following in enumerate((scores[1], np.zeros(2))):
+            expected += w @ scores[t] * scores[t]
+            trace = 0.5 * trace + scores[t]
+            w = w + 0.1 * (1.0 + 2 * taken[t] + w @ following - w @ scores[t]) * trace
+        np.testing.assert_allclose(estimate.gradients[0, 0], expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("estimator", [KondaActorCritic, GPOMDP])

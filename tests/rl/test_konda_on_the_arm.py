@@ -28,7 +28,7 @@ def records(
 ) -> Any:
     policy = NormalizedGaussianNetwork(*ARM.stops, (5, 8), 2, deviation=deviation)
     learner = CPGRL(ConstrainedStep(**step), thresholds)
-    return train(ARM, policy, KondaActorCritic(average=average), learner, **settings)
+    return train(ARM, policy, KondaActorCritic(average=average, gradient="episode mean"), learner, **settings)
 
 
 @functools.cache

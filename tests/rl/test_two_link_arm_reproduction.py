@@ -4,6 +4,7 @@ import csv
 import json
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,7 +138,8 @@ def test_blocks_count_the_episodes_of_training(tmp_path):
     arm = TwoLinkArm()
     step = ConstrainedStep(solver="rosen", ridge=1e-4, max_restoration=0.1, drop="never")
     policy = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
-    records = list(train(arm, policy, KondaActorCritic(), CPGRL(step, [0, 0]), episodes=25, runs=3))
+    estimator = KondaActorCritic(gradient="episode mean")
+    records = list(train(arm, policy, estimator, CPGRL(step, [0, 0]), episodes=25, runs=3))
     written = [row for row in rows(tmp_path) if row["run"] == "2"]
     assert [row["episode"] for row in written] == ["10", "20", "25"]
     for row, block in zip(written, (records[:10], records[10:20], records[20:]), strict=True):
@@ -198,9 +200,8 @@ def test_without_constraints_training_is_that_of_constraints_never_active():
     outcome = train_share((settings, Case("a", "a", "rosen", "equality"), (0, 1)), lambda _: None)
     arm = TwoLinkArm()
     learner = CPGRL(ConstrainedStep(), [-2, -2])
-    *_, last = train(
-        arm, NormalizedGaussianNetwork(*arm.stops, (5, 8), 2), KondaActorCritic(), learner, episodes=30, runs=2
-    )
+    network = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
+    *_, last = train(arm, network, KondaActorCritic(gradient="episode mean"), learner, episodes=30, runs=2)
     np.testing.assert_allclose(outcome.parameters, last.parameters, rtol=1e-12)
 
 
@@ -212,11 +213,12 @@ def test_the_printed_update_diverges_without_the_safeguards_and_says_so(tmp_path
 
 
 def test_estimator_and_average_are_those_of_settings_and_condition():
-    assert ArmSettings().gradient_estimator("c") == KondaActorCritic(average=("step", "step", "step"))
-    assert ArmSettings().gradient_estimator("c-episode") == KondaActorCritic(average=("step", "step", "episode"))
-    assert ArmSettings(estimator="gpomdp").gradient_estimator("c-episode") == GPOMDP(
-        steps=1000, average=("step", "step", "episode")
-    )
+    printed: dict[str, Any] = {"gradient": "episode mean"}
+    kinds = ("step", "step", "episode")
+    assert ArmSettings().gradient_estimator("c") == KondaActorCritic(average=("step",) * 3, **printed)
+    assert ArmSettings().gradient_estimator("c-episode") == KondaActorCritic(average=kinds, **printed)
+    gpomdp = ArmSettings(estimator="gpomdp").gradient_estimator("c-episode")
+    assert gpomdp == GPOMDP(steps=1000, average=kinds, **printed)
 
 
 @pytest.mark.parametrize(("solver", "formulation"), [("osqp", "restoring"), ("nnls", "cone"), ("rosen", "cone")])

@@ -1,0 +1,153 @@
+"""Δ is the gradient of the ρ that is reported, also where episodes differ in length (`ReportedGradient`)."""
+
+# ruff: noqa: ARG002 - stand-ins take what they ignore
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete
+
+from envs import random_mdp
+from rl import GPOMDP, KondaActorCritic, SoftmaxTable
+from rl.estimators.reported_gradient import ReportedGradient
+from rl.estimators.stored_average import MeanWeight
+
+
+class TwoOrEight:
+    """In state 0 action 0 leads to an episode of 2 steps with return 1, action 1 to one of 8 with return 2.
+
+    The return is paid at the last step; channel 1 is −1 a step. With Pr(action 1) = p: E[R] = 1 + p, E[T] = 2 + 6p.
+    """
+
+    reward_channels = 2
+    observation_space = Discrete(2)
+    action_space = Discrete(2)
+    reward_space = Box(-2.0, 2.0, (2,))
+
+    def reset(self, seed: int) -> tuple[int, dict[str, Any]]:
+        self.left = 0
+        return 0, {}
+
+    def step(self, action: int) -> tuple[int, np.ndarray, bool, bool, dict[str, Any]]:
+        if self.left == 0:
+            self.left, self.reward = (8, 2.0) if action == 1 else (2, 1.0)
+        self.left -= 1
+        over = self.left == 0
+        return 1, np.array([self.reward if over else 0.0, -1.0]), over, False, {}
+
+
+def mean_gradient(estimator: Any, episodes: int, skipped: int = 100, runs: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Δ with respect to the preference of action 1 in state 0, (1 + m,), and its standard error, at Pr = ½."""
+    streams = [np.random.SeedSequence(7, spawn_key=(run,)) for run in range(runs)]
+    estimation = estimator.start(TwoOrEight(), SoftmaxTable(2, 2), streams)
+    theta = np.zeros((runs, 4))
+    drawn = np.array([estimation.episode(theta).gradients[:, :, 1] for _ in range(episodes)])[skipped:]
+    found = drawn.reshape(-1, 2)
+    return found.mean(axis=0), found.std(axis=0, ddof=1) / np.sqrt(len(found))
+
+
+@pytest.mark.parametrize("weights", ["paper", "usual"])
+def test_per_episode_gpomdp_climbs_the_sum_over_the_episode(weights: str) -> None:
+    """∇E[R] = ¼ and ∇E[−T] = −1.5; the mean over the own steps gave −0.07 to −0.19 and 0.01."""
+    found, error = mean_gradient(GPOMDP(average="episode", trace_decay=0.999, weights=weights), 700)
+    np.testing.assert_array_less(np.abs(found - [0.25, -1.5]), 5 * error + 0.01)
+    assert error[0] < 0.025
+
+
+# ρ per step leaves the first step out with "paper": (1 + p)/(1 + 6p), whose derivative is p(1 − p)·−5/(1 + 6p)².
+@pytest.mark.parametrize(("weights", "exact"), [("paper", -0.25 * 5 / 16), ("usual", -0.25 * 4 / 25)])
+def test_per_step_gpomdp_climbs_the_ratio_that_it_reports(weights: str, exact: float) -> None:
+    """∇(E[R]/E[N]); −1 a step whatever is done has gradient 0, exactly, as soon as two lengths have been seen."""
+    found, error = mean_gradient(GPOMDP(trace_decay=0.999, weights=weights), 400)
+    np.testing.assert_array_less(np.abs(found - [exact, 0.0]), 5 * error + 0.002)
+    assert error.max() < 0.002
+
+
+def test_channels_of_both_kinds_stand_side_by_side() -> None:
+    mixed = GPOMDP(trace_decay=0.999, average=("step", "episode"))
+    for _ in range(3):  # the same draws
+        both = [
+            estimator.start(TwoOrEight(), SoftmaxTable(2, 2), [np.random.SeedSequence(k) for k in range(5)])
+            for estimator in (mixed, GPOMDP(trace_decay=0.999), GPOMDP(trace_decay=0.999, average="episode"))
+        ]
+        for _ in range(6):
+            some, steps, sums = (estimation.episode(np.zeros((5, 4))) for estimation in both)
+            np.testing.assert_array_equal(some.gradients[:, 0], steps.gradients[:, 0])
+            np.testing.assert_array_equal(some.gradients[:, 1], sums.gradients[:, 1])
+
+
+@pytest.mark.parametrize("average", ["step", "episode"])
+def test_konda_climbs_what_it_reports(average: str) -> None:
+    """Within 5 standard errors and the O(α) of constant rates; per episode by own steps: 0.0 and 0.0 of −1.5."""
+    estimator = KondaActorCritic(average=average, average_rate=0.002, critic_rate=0.02, trace_decay=0.999)
+    found, error = mean_gradient(estimator, 1500, skipped=500, runs=2)
+    exact = [0.25, -1.5] if average == "episode" else [-0.04, 0.0]
+    allowed = [0.02, 0.05] if average == "episode" else [0.006, 0.004]
+    np.testing.assert_array_less(np.abs(found - exact), 5 * error + allowed)
+
+
+@pytest.mark.parametrize("average", ["step", "episode"])
+def test_as_printed_it_is_the_mean_over_the_episodes_own_steps(average: str) -> None:
+    estimator = GPOMDP(average=average, gradient="episode mean", weights="usual", trace_decay=0.999)
+    found, error = mean_gradient(estimator, 300)
+    np.testing.assert_array_less(np.abs(found - [-0.066, 0.0]), 5 * error + 0.01)
+
+
+@pytest.mark.parametrize("weights", ["paper", "usual"])
+def test_on_a_finite_mdp_a_sum_is_the_mean_times_the_number_of_updates(weights: str) -> None:
+    """Episodes of one length; with the weights "paper" r(x₀, u₀)ψ₀ comes on top, so that all of the sum is climbed."""
+    mdp, theta = random_mdp(np.random.default_rng(3), 3, 3, 4), np.random.default_rng(0).normal(size=(4, 9))
+    streams = [np.random.SeedSequence(k) for k in range(4)]
+    summed, averaged = (
+        GPOMDP(weights=weights, steps=5, average=kind).start(mdp, SoftmaxTable(3, 3), streams).episode(theta)
+        for kind in ("episode", "step")
+    )
+    rest = summed.gradients - averaged.gradients * (4 if weights == "paper" else 5)
+    for run in range(4):
+        policy = SoftmaxTable(3, 3, theta[run])
+        first = [np.outer(mdp.rewards[:, 0, action], policy.score(0, action)) for action in range(3)]
+        wanted = first if weights == "paper" else [np.zeros((4, 9))]
+        assert any(np.allclose(rest[run], each, atol=1e-13) for each in wanted)
+
+
+def converted(lengths: list[int], rate: float = 0.1, kinds: tuple[bool, ...] = (False,)) -> list[np.ndarray]:
+    """Δ of one run whose mean is 1, whose rewards are 2 a step and whose spans are the episode's number."""
+    reported = ReportedGradient(np.array(kinds), rate, 1, as_printed=False)
+    ones = np.ones((1, len(kinds), 1))
+    return [
+        reported.convert(ones, np.array([n]), np.full((1, len(kinds)), 2.0 * n), np.full((1, 1), 1.0 + k))[0, :, 0]
+        for k, n in enumerate(lengths)
+    ]
+
+
+def test_the_first_episodes_by_hand() -> None:
+    """N̄ = 4, 4, then 4 + (6 − 4)/(1 + 0.9 + 0.81); ρ = 2; a mean of 1 over N updates is a sum of N."""
+    third = 4 + (6 - 4) / (1 + 0.9 + 0.81)
+    expected = [1, 1, 6 / 4 - 2 * 3 / 4, 3 / third - 2 * 4 / third]
+    np.testing.assert_allclose(np.ravel(converted([4, 4, 6, 3])), expected)
+
+
+def test_one_long_episode_after_a_short_one_counts_as_in_their_mean() -> None:
+    _, second = converted([2, 1000], rate=0.0)
+    np.testing.assert_allclose(second, 1000 / 500 - 2 * 2 / 500)
+
+
+def test_episodes_without_an_update_move_nothing_and_count_in_the_mean() -> None:
+    """N = 0, 0, 3: N̄ is 0 before the third, which then counts for a third of its length."""
+    np.testing.assert_allclose(np.ravel(converted([0, 0, 3], rate=0.0)), [0, 0, 3])
+    np.testing.assert_allclose(np.ravel(converted([0, 3], kinds=(True,))), [1, 3])
+
+
+def test_means_of_equal_numbers_are_that_number_whatever_the_rate() -> None:
+    for rate in (0.0, 1e-300, 1e-9, 0.02, 0.3, 1.0):
+        weight, mean = MeanWeight(rate), 0.0
+        for _ in range(50):
+            mean += weight.next() * (0.1 - mean)
+            assert mean == 0.1
+
+
+def test_what_is_no_gradient_is_refused() -> None:
+    for estimator in (GPOMDP, KondaActorCritic):
+        with pytest.raises(ValueError, match="gradient should be one of reported, episode mean; found 'mean'"):
+            estimator(gradient="mean")
