@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .measurement import AS_BYTES, Measurement, columns, from_row, to_row, write_measurements
+from .whole_file import whole_file
 
 MEASUREMENTS, SETTINGS = "measurements.csv", "settings.json"
 
@@ -45,7 +46,8 @@ class Checkpoint:
         """Adds to `wall_seconds`, the time spent on the folder so far, over all runs."""
         self.wall_seconds += seconds
         text = json.dumps({**self._facts, _TIME: round(self.wall_seconds, 1)}, indent=2, ensure_ascii=False)
-        self._settings.write_text(text + "\n", encoding="utf-8", errors=AS_BYTES)
+        with whole_file(self._settings) as beside:
+            beside.write_text(text + "\n", encoding="utf-8", errors=AS_BYTES)
 
     def finished(self, problems: Mapping[CellKey, int]) -> dict[CellKey, list[Measurement]]:
         """The cells asked for that are there whole; the rest of them leaves the file.

@@ -164,6 +164,7 @@ def _package(solver: str) -> str:
 def comparison_progress() -> Iterator[Listen]:
     """A progress bar on stderr while the context lasts, gone afterwards; silent where stderr is no terminal."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
@@ -173,7 +174,7 @@ def comparison_progress() -> Iterator[Listen]:
         task = bars.add_task("starting", total=None)
 
         def listen(cell: CellKey, finished: int, total: int) -> None:
-            bars.update(task, completed=finished, total=total, description=" ".join(cell))
+            bars.update(task, completed=finished, total=total, description=escape(" ".join(cell)))
 
         yield listen
 

@@ -5,6 +5,8 @@
 One row per problem; matrices flattened row by row, null where a part is missing, and a name.
 """
 
+import itertools
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import numpy as np
 from ..problem import DirectionProblem
 from ..solvers.interface import MissingPackageError
 from .recording import PARTS, Recording
+from .whole_file import whole_file
 
 COLUMNS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 _AT_ONCE = 64  # problems of one row group: P alone has n² numbers
@@ -32,10 +35,14 @@ class MissingExportError(MissingPackageError):
 def write_test_set(problems: Sequence[DirectionProblem], names: Sequence[str], path: Path) -> None:
     """The Parquet file; rows that are switched off (b = −∞) are left out.
 
-    Raises MissingExportError without pyarrow, ValueError unless there is one name for each problem, none with a radius.
+    The file takes its place when it is whole. Raises MissingExportError without pyarrow, ValueError unless there is one
+    name for each problem, none of them twice, and no problem with a radius.
     """
     if len(names) != len(problems):
         raise ValueError(f"names should be {len(problems)}, one for each problem; found {len(names)}")
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise ValueError(f"names should differ, since readers find problems by them; found {twice[0]!r} twice")
     if any(problem.radius is not None for problem in problems):
         raise ValueError("problems to export should have no radius, which makes them no QPs; found one that has")
     try:
@@ -45,7 +52,7 @@ def write_test_set(problems: Sequence[DirectionProblem], names: Sequence[str], p
         raise MissingExportError from error
     numbers = pyarrow.list_(pyarrow.float64())
     schema = pyarrow.schema([*((column, numbers) for column in COLUMNS), ("name", pyarrow.string())])
-    with pyarrow.parquet.ParquetWriter(path, schema) as writer:
+    with whole_file(path) as beside, pyarrow.parquet.ParquetWriter(beside, schema) as writer:
         for first in range(0, len(problems), _AT_ONCE):
             chunk = slice(first, first + _AT_ONCE)
             rows = [
@@ -55,8 +62,11 @@ def write_test_set(problems: Sequence[DirectionProblem], names: Sequence[str], p
 
 
 def export_recording(recording: Recording, path: Path) -> None:
-    """A recording as a test set; a problem is called by training, run, episode and part."""
-    write_test_set(recording.problems, list(_names(recording)), path)
+    """A recording as a test set; a problem is called by training, run, episode and part.
+
+    Where an update drops constraints twice, its later problems of one part get -2, -3, … in the order of the recording.
+    """
+    write_test_set(recording.problems, _distinct(list(_names(recording))), path)
 
 
 def _names(recording: Recording) -> Iterator[str]:
@@ -64,6 +74,18 @@ def _names(recording: Recording) -> Iterator[str]:
     for training, run, episode, part in zip(*columns, strict=True):
         words = PARTS[part].replace(" ", "-")
         yield f"{recording.trainings[training]}-run{run}-episode{episode}-{words}"
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names, the later ones of equal ones with the first number ≥ 2 that makes them differ from all others."""
+    taken, seen, distinct = set(names), set[str](), []
+    for name in names:
+        numbered = (f"{name}-{number}" for number in itertools.count(2))
+        own = name if name not in seen else next(each for each in numbered if each not in taken)
+        taken.add(own)
+        seen.add(own)
+        distinct.append(own)
+    return distinct
 
 
 def _row(problem: DirectionProblem) -> dict[str, Any]:

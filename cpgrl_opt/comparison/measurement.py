@@ -13,6 +13,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from .whole_file import whole_file
+
 SUCCESS_TOLERANCE = 1e-9  # the worst KKT residual of a solved problem
 WRONG_TOLERANCE = 1e-6  # claimed optimal beyond it is silently wrong
 PROOF_TOLERANCE = 1e-6  # the worst Farkas residual of a proof
@@ -174,12 +176,10 @@ _READERS: Mapping[Any, Callable[[str], Any]] = {
 
 
 def _write(path: Path, kind: type[Measurement] | type[Cell], records: Iterable[Measurement | Cell]) -> None:
-    beside = path.with_name(path.name + ".part")
-    with beside.open("w", encoding="utf-8", errors=AS_BYTES, newline="") as file:
+    with whole_file(path) as beside, beside.open("w", encoding="utf-8", errors=AS_BYTES, newline="") as file:
         writer = csv.DictWriter(file, columns(kind), lineterminator="\n")
         writer.writeheader()
         writer.writerows(to_row(record) for record in records)
-    beside.replace(path)
 
 
 def _read(path: Path, kind: type[T]) -> list[T]:

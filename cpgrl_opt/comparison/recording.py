@@ -4,8 +4,6 @@ Every array is float64, int64 or bool of one row per problem, so that a file hol
 without unpickling anything, and the same problems give the same bytes.
 """
 
-import zipfile
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
@@ -16,6 +14,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..problem import DirectionProblem, ProblemBatch
+from .recording_file import Kind, read_arrays
 
 FORMAT = "cpgrl recording 1"
 # What an update solves: PΔ¹ and the restoration (one problem in the formulation "restoring"), both again after a drop.
@@ -23,17 +22,6 @@ PARTS = ("tangent", "restoration", "tangent after a drop", "restoration after a 
 SHIPPED = ("three-state", "arm")
 _ROWS = ("training", "run", "episode", "part", "stretch")
 _TEXTS = ("format", "trainings", "selection")
-# What np.load and the zip file under it raise on something else than a whole .npz of plain arrays.
-_NOT_AN_NPZ = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    zipfile.BadZipFile,
-    zlib.error,
-    NotImplementedError,
-    RuntimeError,
-)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,11 +48,11 @@ class Recording:
     selection: str
 
     def __post_init__(self) -> None:
-        for name, kind in (*((name, "f") for name in ("gradient", "jacobian", "bound")), ("equality", "b")):
-            _require_kind(name, getattr(self, name), kind)
+        for name in _ARRAYS:
+            _require_kind(name, getattr(self, name))
+        _require_unicode(self.selection, *self.trainings)
         for name in _ROWS:
             array = getattr(self, name)
-            _require_kind(name, array, "i")
             if array.shape != (len(self.gradient),) or (array < 0).any():
                 raise ValueError(
                     f"{name} should hold {len(self.gradient)} integers ≥ 0; found shape {array.shape}, "
@@ -114,6 +102,11 @@ class Recording:
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.name not in _TEXTS)
+_AXES = {"jacobian": 3, "gradient": 2, "bound": 2, "equality": 2}
+_KINDS = {
+    name: Kind("i8" if name in _ROWS else "b1" if name == "equality" else "f8", (_AXES.get(name, 1),))
+    for name in _ARRAYS
+} | {"format": Kind("U", (0,)), "trainings": Kind("U", (0, 1)), "selection": Kind("U", (0,))}
 
 
 def joined(recordings: Iterable[Recording]) -> Recording:
@@ -138,17 +131,12 @@ def load_recording(path: Path | str) -> Recording:
 
     Raises ValueError for a file that is not there or not such a recording.
     """
-    contents = _contents(Path(path))
-    found = str(contents["format"]) if "format" in contents else "no entry 'format'"
-    if found != FORMAT:
-        raise ValueError(f"{path} should be a recording of format {FORMAT!r}; found {found}")
-    missing = [name for name in (*_ARRAYS, *_TEXTS) if name not in contents]
-    if missing:
-        raise ValueError(f"{path} should hold the arrays of a recording; found none named {', '.join(missing)}")
+    contents = read_arrays(Path(path), _KINDS)
     try:
-        arrays = {name: contents[name] for name in _ARRAYS}
-        trainings = tuple(map(str, contents["trainings"].reshape(-1)))
-        return Recording(**arrays, trainings=trainings, selection=str(contents["selection"]))
+        texts = {name: tuple(map(str, contents.pop(name).reshape(-1))) for name in _TEXTS}
+        if texts["format"] != (FORMAT,):
+            raise ValueError(f"format should be {FORMAT!r}; found {texts['format'][0]!r}")
+        return Recording(**contents, trainings=texts["trainings"], selection=texts["selection"][0])
     except ValueError as error:
         raise ValueError(f"{path} should be a recording, but its {error}") from error
 
@@ -175,22 +163,22 @@ def _shipped_problems(name: str, equality: bool) -> Sequence[DirectionProblem]:
     return (recording if equality else recording.as_inequalities()).problems
 
 
-def _contents(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with zipfile.ZipFile(path):  # np.load would take a bare array too
-            pass
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except _NOT_AN_NPZ as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else error
-        raise ValueError(f"{path} should be a recording, an .npz as --record writes it; found {reason}") from error
-
-
-def _require_kind(name: str, array: Any, kind: str) -> None:
-    names = {"f": "float64", "b": "bool", "i": "int64"}
-    if not isinstance(array, np.ndarray) or array.dtype != np.dtype(names[kind]):
+def _require_kind(name: str, array: Any) -> None:
+    kind = _KINDS[name]
+    dtype = np.dtype(kind.types)
+    if not isinstance(array, np.ndarray) or array.dtype != dtype:
         found = getattr(array, "dtype", type(array).__name__)
-        raise ValueError(f"{name} should be an array of {names[kind]}; found {found}")
+        raise ValueError(f"{name} should be an array of {dtype}; found {found}")
+    if array.ndim not in kind.axes:
+        raise ValueError(f"{name} should have {kind.axes[0]} axes; found shape {array.shape}")
+
+
+def _require_unicode(*texts: str) -> None:
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError as error:
+            raise ValueError(f"texts should be Unicode; found {text!a}") from error
 
 
 def empty_recording(trainings: Sequence[str], selection: str, m: int = 0, n: int = 1) -> Recording:

@@ -8,6 +8,7 @@ from .measurement import AS_BYTES, Cell, Measurement
 from .report_context import ReportContext
 from .report_html import html_report
 from .report_markdown import markdown_report
+from .whole_file import whole_file
 
 __all__ = ["ReportContext", "write_report"]
 
@@ -20,5 +21,6 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / "report.md", folder / "report.html"
     for path, render in zip(paths, (markdown_report, html_report), strict=True):
-        path.write_text(render(findings), encoding="utf-8", errors=AS_BYTES, newline="\n")
+        with whole_file(path) as beside:
+            beside.write_text(render(findings), encoding="utf-8", errors=AS_BYTES, newline="\n")
     return paths

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from .choice import RULE
 from .findings import FamilyRow, Findings
+from .markdown_text import block, code, text
 from .tallies import Gain, Tally
 from .wording import (
     NOTHING,
@@ -35,7 +36,7 @@ def markdown_report(findings: Findings) -> str:
         "# Comparison of direction solvers",
         question(findings),
         "## Which solver to choose",
-        _bullets(choice_sentences(findings.choice, context.default_solver)),
+        _bullets(map(text, choice_sentences(findings.choice, context.default_solver))),
         "The rule, applied to the numbers below:",
         "\n".join(f"{number}. {step}" for number, step in enumerate(RULE, 1)),
         "## Solvers",
@@ -45,19 +46,20 @@ def markdown_report(findings: Findings) -> str:
         f"{context.default_solver}'s, failures counted at the time limit.",
         _bullets(f"**{term}**: {meaning}" for term, meaning in terms()),
         _main_table(findings),
-        astray_sentence(findings),
+        text(astray_sentence(findings)),
         *_preparation(findings),
         "## Families",
         "Solved by: the solvers behind the preparation that solve every problem of the family, of those that take it. "
         "Wrong: silently wrong answers of all solvers together, behind the preparation / raw.",
         _family_table(findings.rows),
         "## Limitations",
-        _bullets(limitations(findings)),
+        _bullets(map(text, limitations(findings))),
         "## How it was made",
-        f"    {context.command}",
+        block(context.command),
         f"Seed {context.seed}; {context.wall_seconds:.0f} s of wall time.",
         *(
-            f"### {title}\n\n" + _table((title, "value"), [(str(key), str(value)) for key, value in pairs.items()])
+            f"### {title}\n\n"
+            + _table((title, "value"), [(text(str(key)), text(str(value))) for key, value in pairs.items()])
             for title, pairs in (
                 ("Machine", context.machine),
                 ("Versions", context.versions),
@@ -84,7 +86,7 @@ def _main_table(findings: Findings) -> str:
     for solver in findings.solvers:
         pair = findings.tally(solver, "prepared"), findings.tally(solver, "raw")
         columns = list(zip(*(_figures(each) for each in pair), strict=True))
-        rows.append((f"`{solver}`", *(f"{ours} / {theirs}" for ours, theirs in columns)))
+        rows.append((code(solver), *(f"{ours} / {theirs}" for ours, theirs in columns)))
     return _table(header, rows)
 
 
@@ -124,7 +126,7 @@ def _preparation(findings: Findings) -> list[str]:
 
 def _gain_row(gain: Gain) -> tuple[str, ...]:
     return (
-        f"`{gain.raw.solver}`",
+        code(gain.raw.solver),
         str(gain.raw.problems),
         percent_text(gain.raw.percent("success")),
         percent_text(gain.prepared.percent("success")),
@@ -151,10 +153,10 @@ def _family_cells(row: FamilyRow) -> tuple[str, ...]:
     pair = row.prepared, row.raw
     success = " / ".join(percent_text(each.percent("success")) if each else NOTHING for each in pair)
     wrong = " / ".join(str(each.count("silently-wrong")) if each else NOTHING for each in pair)
-    fastest = f"`{row.fastest}` ({ratio_text(row.time_ratio)})" if row.fastest else NOTHING
+    fastest = f"{code(row.fastest)} ({ratio_text(row.time_ratio)})" if row.fastest else NOTHING
     return (
-        f"`{row.family}`",
-        row.reason,
+        code(row.family),
+        text(row.reason),
         str(row.problems),
         f"{len(row.solving)} of {row.asked}",
         success,
@@ -165,11 +167,7 @@ def _family_cells(row: FamilyRow) -> tuple[str, ...]:
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(_cell(text) for text in line) + " |" for line in lines)
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _bullets(sentences: Iterable[str]) -> str:

@@ -9,6 +9,7 @@ from .measurement import Cell
 def print_summary(cells: Sequence[Cell]) -> None:
     """Success, silently wrong (`wrong`), and time of each solver over all families, behind the preparation and raw."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(title="prepared | raw: the library alone, on small problems")
@@ -20,7 +21,7 @@ def print_summary(cells: Sequence[Cell]) -> None:
         row: list[str] = []
         for variant in ("prepared", "raw"):
             row += summary_row([cell for cell in cells if (cell.solver, cell.variant) == (solver, variant)])
-        table.add_row(f"[bold]{solver}[/bold]", *row)
+        table.add_row(f"[bold]{escape(solver)}[/bold]", *row)
     Console().print(table)
 
 

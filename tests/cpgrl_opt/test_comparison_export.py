@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, DirectionProblem
-from cpgrl_opt.comparison.export import COLUMNS, export_recording, write_test_set
-from cpgrl_opt.comparison.recording import shipped_recording
+from cpgrl_opt.comparison.export import COLUMNS, _distinct, export_recording, write_test_set
+from cpgrl_opt.comparison.recording import Recording, shipped_recording
 
 PROBLEMS = [
     DirectionProblem([1.0, -2.0, 0.5], [[1.0, 0.2, 0.0], [0.0, 1.0, -1.0]], bound=[0.5, -np.inf]),
@@ -70,3 +70,34 @@ def test_problems_without_a_name_each_are_refused(tmp_path):
 def test_a_trust_region_is_no_quadratic_program(tmp_path):
     with pytest.raises(ValueError, match="should have no radius"):
         write_test_set([DirectionProblem([1.0], [[1.0]], radius=1.0)], ["x"], tmp_path / "set.parquet")
+
+
+def test_problems_of_one_update_have_names_that_differ(tmp_path):
+    """An update that drops twice asks for three tangents and three restorations: six problems."""
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed: the extra 'export'")
+    names = [
+        f"{training}-run1-episode3-{part}"
+        for training in ("toy", "toy-run1")
+        for part in ("tangent", "restoration", *["tangent-after-a-drop", "restoration-after-a-drop"] * 2)
+    ]
+    part = np.array([0, 1, 2, 3, 2, 3] * 2)
+    recording = Recording(
+        gradient=np.arange(24.0).reshape(12, 2), jacobian=np.ones((12, 1, 2)), bound=np.zeros((12, 1)),
+        equality=np.ones((12, 1), bool), training=np.repeat([0, 1], 6), run=np.ones(12, int),
+        episode=np.full(12, 3), part=part, stretch=np.zeros(12, int), trainings=("toy", "toy-run1"), selection="",
+    )  # fmt: skip
+    export_recording(recording, tmp_path / "set.parquet")
+    read = list(as_qpbenchmark_reads(tmp_path / "set.parquet"))
+    again = [*names[:4], f"{names[2]}-2", f"{names[3]}-2"], [*names[6:10], f"{names[8]}-2", f"{names[9]}-2"]
+    assert [name for name, _ in read] == again[0] + again[1]
+    assert [arrays["q"][0] for _, arrays in read] == [-2.0 * k for k in range(12)]
+    assert [path.name for path in tmp_path.iterdir()] == ["set.parquet"]
+
+
+def test_a_number_after_a_name_takes_no_other_problem_s_name():
+    assert _distinct(["x", "x", "x-2", "x", "y"]) == ["x", "x-3", "x-2", "x-4", "y"]
+
+
+def test_one_name_for_two_problems_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"names should differ, .*; found 'x' twice"):
+        write_test_set(PROBLEMS[:2], ["x", "x"], tmp_path / "set.parquet")
