@@ -9,7 +9,7 @@ from jaxtyping import Float64, UInt8
 from numpy.typing import ArrayLike
 
 from .arm_constants import NONE
-from .interface import ContinuousKernels
+from .interface import ContinuousKernels, continuous_kernels_of
 from .two_link_arm import TwoLinkArm
 from .validation import finite_array, real_array
 
@@ -25,6 +25,7 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  real time at dt = 0.05 s
+    event_key = "event"  # where info has the event that ended an episode
 
     def __init__(self, arm: TwoLinkArm | None = None, *, render_mode: str | None = None, **constants: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -41,7 +42,7 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
             np.array([0.0, -1.0, min(0.0, *prizes)]), np.array([1.0, 0.0, max(0.0, *prizes)]), dtype=np.float64
         )
         self.reward_dim = self.arm.reward_channels
-        self._kernels = self.arm.continuous_kernels()
+        self._kernels = _kernels_of(self.arm)
         self._angles, self._reward = np.zeros(2), np.zeros(self.reward_dim)
         self._steps, self._event = 0, 0
         self._begun = self._running = False
@@ -52,8 +53,8 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
         return self.arm.reward_channels
 
     def continuous_kernels(self) -> ContinuousKernels:
-        """The dynamics for compiled code: training need not go through `step`."""
-        return self.arm.continuous_kernels()
+        """The dynamics that `step` goes by: training need not go through it."""
+        return _kernels_of(self.arm)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -119,3 +120,10 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
         rewards = ", ".join(f"{reward:.3g}" for reward in self._reward).replace("-", "−")
         touched = f"{self._info()['touched']}    " if self._event else ""
         return f"{touched}r = ({rewards})"
+
+
+def _kernels_of(arm: TwoLinkArm) -> ContinuousKernels:
+    kernels = continuous_kernels_of(arm)
+    if kernels is None:
+        raise ValueError(f"arm should be a TwoLinkArm without a step of its own; found {type(arm).__name__}")
+    return kernels

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 from jaxtyping import Float64, UInt8
 
-from .interface import FiniteKernel
+from .interface import FiniteKernel, finite_kernel_of
 from .tabular import TabularMDP
 
 
@@ -24,32 +24,35 @@ class TabularEnv(gymnasium.Env[np.int64, np.int64]):
     def __init__(self, mdp: TabularMDP, *, render_mode: str | None = None) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode should be None or 'rgb_array'; found {render_mode!r}")
+        kernel = finite_kernel_of(mdp)
+        if kernel is None:
+            raise ValueError(f"mdp should be a TabularMDP without a step of its own; found {type(mdp).__name__}")
         self.mdp = mdp
         self.render_mode = render_mode
         self.observation_space = Discrete(mdp.states)
         self.action_space = Discrete(mdp.actions)
-        low, high = mdp.rewards.min(axis=(1, 2)), mdp.rewards.max(axis=(1, 2))
+        low, high = kernel.rewards.min(axis=(1, 2)), kernel.rewards.max(axis=(1, 2))
         self.reward_space = Box(low, high, dtype=np.float64)
-        self.reward_dim = mdp.reward_channels
-        self._cumulative = mdp.finite_kernel().transition_cumulative
+        self.reward_dim = kernel.reward_channels
+        self._kernel = kernel
         self._state: int | None = None
         self._last: tuple[int, int] | None = None
 
     @property
     def reward_channels(self) -> int:
         """1 + m."""
-        return self.mdp.reward_channels
+        return self._kernel.reward_channels
 
     def finite_kernel(self) -> FiniteKernel:
-        """The arrays for compiled code: training need not go through `step`."""
-        return self.mdp.finite_kernel()
+        """The arrays that `step` goes by, as fresh copies: training need not go through it."""
+        return FiniteKernel(self._kernel.transition_cumulative, self._kernel.rewards, self._kernel.start)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.int64, dict[str, Any]]:
         """The start state; a seed starts the random stream anew."""
         super().reset(seed=seed, options=options)
-        self._state, self._last = self.mdp.start, None
+        self._state, self._last = self._kernel.start, None
         return np.int64(self._state), {}
 
     # Vector rewards are MO-Gymnasium's departure from Gymnasium's types, and ours.
@@ -60,10 +63,10 @@ class TabularEnv(gymnasium.Env[np.int64, np.int64]):
         if not self.action_space.contains(action):
             raise ValueError(f"action should be an integer in 0 … {self.mdp.actions - 1}; found {action!r}")
         state, choice = self._current_state(), int(action)
-        row = self._cumulative[state, choice]
+        row = self._kernel.transition_cumulative[state, choice]
         self._state = int(np.searchsorted(row, self.np_random.random(), side="right"))
         self._last = state, choice
-        return np.int64(self._state), self.mdp.rewards[:, state, choice].copy(), False, False, {}
+        return np.int64(self._state), self._kernel.rewards[:, state, choice].copy(), False, False, {}
 
     def render(self) -> UInt8[np.ndarray, "height width 3"]:
         """A picture of the chain: the state lit up, the last action's possible outcomes as arrows."""

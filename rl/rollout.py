@@ -1,113 +1,183 @@
 """One episode of a policy in a Gymnasium environment with vector rewards."""
 
-from collections.abc import Iterator
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
+from cpgrl_opt.arrays import Vector
+from cpgrl_opt.validation import is_finite
+
+from .channels import event_key, event_of, name_of, reward_channels
+from .policies import Policy
+from .spaces import hand_over, require_fitting
+
+__all__ = ["PolicyError", "RolloutError", "Step", "act", "episode", "located", "require_fitting", "reward_channels"]
+
+
+class RolloutError(ValueError):
+    """Something that an environment or a policy handed over; says what, and in which step, episode and run."""
+
+    def __init__(self, what: str, environment: str = "", step: int | None = None, run: int | None = None) -> None:
+        super().__init__(what, environment, step, run)
+        self.what, self.environment, self.step, self.run = what, environment, step, run
+        self.episode: int | None = None
+
+    def __str__(self) -> str:
+        numbers = (("step", self.step), ("episode", self.episode), ("run", self.run))
+        places = [f"{name} {number}" for name, number in numbers if number is not None]
+        return self.what + (f" ({', '.join(places)}, {self.environment})" if places else "")
+
+
+class PolicyError(RolloutError):
+    """A policy's action or score that is not finite, as where θ has grown without bound."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Step:
-    """x_t, u_t, the rewards that (x_t, u_t) yields, (1 + m,), the event that ended the episode, 0 for none, x_{t+1}."""
+    """x_t, u_t, the rewards that (x_t, u_t) yields, (1 + m,), the event that ended the episode, 0 for none, x_{t+1},
+    and ψ_t. All are copies of what environment and policy handed out: neither can change them later.
+    """
 
     observation: Any
     action: Any
     reward: Float[np.ndarray, "channels"]
     event: int
     following: Any
+    score: Vector
 
 
-def episode(environment: Any, policy: Policy, rng: np.random.Generator, limit: int) -> Iterator[Step]:
+def episode(
+    environment: Any, policy: Policy, rng: np.random.Generator, limit: int, run: int | None = None
+) -> Iterator[Step]:
     """Steps from a reset, seeded from `rng`, to the episode's end or to `limit` steps.
 
-    A terminated episode's last event is info["event"] if the environment counts events, else 1.
+    A terminated episode's last event is info["cpgrl_event"], or info[environment.event_key] where the environment
+    declares such a key, if that is an integer ≥ 1; else 1.
+    The environment gets its own copy of each action, in the dtype of its `action_space`; ψ is of the action as drawn.
+    An action outside the space's bounds goes over as it is: clip it behind the policy, by `ClipAction` of
+    gymnasium.wrappers or in the environment itself.
+    Raises RolloutError, a ValueError, for rewards, observations and actions that are NaN or infinite, rewards of
+    another shape, and answers of `reset` and `step` that are not Gymnasium's. run: for its message.
     """
-    channels = reward_channels(environment)
-    observation, _ = environment.reset(seed=int(rng.integers(2**31)))
-    for _ in range(limit):
-        action = policy.sample(observation, rng)
-        following, reward, terminated, truncated, info = environment.step(action)
-        event = int(info.get("event", 1)) if terminated else 0
-        yield Step(observation, action, _vector(reward, channels), event, following)
+    channels, key = reward_channels(environment), event_key(environment)
+    space = getattr(environment, "action_space", None)
+    with located(environment, 0, run):
+        observation = _begin(environment, int(rng.integers(2**31)))
+    for step in range(limit):
+        with located(environment, step, run):
+            action, score = act(policy, observation, rng)
+            following, reward, terminated, truncated, info = _answer(environment.step(hand_over(action, space)))
+            rewards, following = _vector(reward, channels), _own_observation("observation", following)
+        yield Step(observation, action, rewards, event_of(info, key, terminated=terminated), following, score)
         if terminated or truncated:
             return
         observation = following
 
 
-def reward_channels(environment: Any) -> int:
-    """1 + m of a Gymnasium environment with a vector reward; ValueError for anything else.
+@contextmanager
+def located(environment: Any, step: int, run: int | None) -> Iterator[None]:
+    """A RolloutError from inside learns where it happened."""
+    try:
+        yield
+    except RolloutError as error:
+        error.step, error.run, error.environment = step, run, name_of(environment)
+        raise
 
-    Read from `reward_channels` (envs.interface) or from the shape of `reward_space` (MO-Gymnasium).
-    """
-    if not (callable(getattr(environment, "reset", None)) and callable(getattr(environment, "step", None))):
-        raise ValueError(
-            "environment should be a Gymnasium environment (reset, step), or a finite MDP (finite_kernel) with a "
-            f"SoftmaxTable; found {type(environment).__name__}"
+
+def act(policy: Policy, observation: Any, rng: np.random.Generator) -> tuple[Any, Vector]:
+    """u ~ μ_θ(x, ·) and its ψ, copies; RolloutError unless both are there and finite."""
+    action = copy.deepcopy(policy.sample(observation, rng))
+    if action is None:
+        raise RolloutError(f"sample of {type(policy).__name__} should return an action; found None")
+    _require_finite("action", action, policy)
+    score, shape = np.asarray(policy.score(observation, action)), policy.parameters.shape
+    if score.shape != shape or score.dtype.kind not in "fiu":
+        raise RolloutError(
+            f"score of {type(policy).__name__} should be numbers of shape {shape}, as θ; found {score.dtype}, "
+            f"shape {score.shape}"
         )
-    inner = getattr(environment, "unwrapped", environment)
-    if hasattr(inner, "reward_channels"):
-        return int(inner.reward_channels)
-    shape = getattr(getattr(inner, "reward_space", None), "shape", None)
-    if shape is None or len(shape) != 1:
-        raise ValueError(
-            "environment should have a reward_space of shape (1 + m,), as in MO-Gymnasium; found "
-            f"{shape or 'none'} in {type(inner).__name__}"
-        )
-    return int(shape[0])
+    own = np.array(score, dtype=np.float64)
+    _require_finite("score", own, policy)
+    return action, own
 
 
-def require_fitting(environment: Any, policy: Policy) -> None:
-    """ValueError unless a policy of ours fits the environment's spaces; whatever says no size is let through."""
-    from gymnasium.spaces import Box, Discrete
-
-    states, actions = (getattr(environment, f"{name}_space", None) for name in ("observation", "action"))
-    if isinstance(policy, SoftmaxTable):
-        _require_kind("observation", Discrete, states, policy)
-        _require_size("states", policy.states, _count(states), states)
-    if isinstance(policy, (SoftmaxTable, LinearSoftmax)):
-        _require_kind("action", Discrete, actions, policy)
-        _require_size("actions", policy.actions, _count(actions), actions)
-    if isinstance(policy, NormalizedGaussianNetwork):
-        _require_kind("observation", Box, states, policy)
-        _require_size("components of an observation", len(policy.counts), _shape(states), states)
-    if isinstance(policy, (LinearGaussian, NormalizedGaussianNetwork)):
-        _require_kind("action", Box, actions, policy)
-        _require_size("components of an action", policy.dimensions, _shape(actions), actions)
+def _require_finite(name: str, value: Any, policy: Policy) -> None:
+    if (flaw := _flaw(value)) is not None:
+        largest = np.abs(policy.parameters).max(initial=0.0)
+        found = f"{flaw}, where max |θ| = {largest:.3g}"
+        raise PolicyError(f"{name} of {type(policy).__name__} should be finite; found {found}")
 
 
-def _require_kind(name: str, kind: type, space: Any, policy: Policy) -> None:
-    if space is not None and not isinstance(space, kind):
-        raise ValueError(
-            f"policy should have {name}s from {space}; found {type(policy).__name__}, which has them from a "
-            f"{kind.__name__}"
-        )
+def _begin(environment: Any, seed: int) -> Any:
+    answer = environment.reset(seed=seed)
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        raise RolloutError(f"reset should return (observation, info), as in Gymnasium; found {type(answer).__name__}")
+    return _own_observation("first observation", answer[0])
 
 
-def _require_size(name: str, found: int, wanted: int | str | None, space: Any) -> None:
-    if wanted is not None and found != wanted:
-        raise ValueError(f"policy should have {wanted} {name}, as the environment's {space}; found {found}")
+# What else is known to come out of `step`, by its length.
+_OTHERS = {
+    4: " as before Gymnasium: (observation, reward, done, info) needs a wrapper that tells terminated from truncated",
+    6: " as in Safety-Gymnasium: (observation, reward, cost, terminated, truncated, info) needs a wrapper with "
+    "np.array([reward, -cost]) in the reward's place and a reward_space of shape (2,)",
+}
 
 
-def _count(space: Any) -> int | str | None:
-    """How many elements 0, 1, … a Discrete space has."""
-    if space is None:
+def _answer(answer: Any) -> tuple[Any, Any, bool, bool, Any]:
+    if isinstance(answer, tuple) and len(answer) == 5:
+        observation, reward, terminated, truncated, info = answer
+        return observation, reward, bool(terminated), bool(truncated), info
+    count = len(answer) if isinstance(answer, tuple) else None
+    found = type(answer).__name__ if count is None else f"{count} values{_OTHERS.get(count, '')}"
+    raise RolloutError(f"step should return (observation, reward, terminated, truncated, info); found {found}")
+
+
+def _own_observation(name: str, observation: Any) -> Any:
+    """A copy, since an environment may hand out its own buffer and go on writing to it."""
+    own = copy.deepcopy(observation)
+    if (flaw := _flaw(own)) is not None:
+        raise RolloutError(f"{name} should be finite; found {flaw}")
+    return own
+
+
+def _flaw(value: Any, where: str = "") -> str | None:
+    """The first NaN or infinity, and where it stands; None if there is none, or no number."""
+    if isinstance(value, (float, np.floating, np.ndarray)):
+        array = np.asarray(value)
+        if array.dtype == np.float64 and is_finite(array):  # the usual case, and the faster test
+            return None
+        if array.dtype.kind not in "fc" or np.isfinite(array).all():
+            return None
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        return f"{array[index]}{f' at {where}{list(index)}' if index or where else ''}"
+    if isinstance(value, Mapping):
+        parts = list(value.items())
+    elif isinstance(value, (tuple, list)):
+        parts = list(enumerate(value))
+    else:
         return None
-    return int(space.n) if space.start == 0 else f"{space.n} (from {space.start}, where a policy counts from 0)"
-
-
-def _shape(space: Any) -> int | str | None:
-    """How many components a Box has, if it is a box of vectors; else its shape, which no number equals."""
-    if space is None:
-        return None
-    return int(space.shape[0]) if len(space.shape) == 1 else str(space.shape)
+    return next((flaw for key, part in parts if (flaw := _flaw(part, f"{where}[{key!r}]")) is not None), None)
 
 
 def _vector(reward: Any, channels: int) -> Float[np.ndarray, "channels"]:
-    vector = np.asarray(reward, dtype=np.float64)
+    try:
+        given = np.asarray(reward)
+        vector = np.array(given, dtype=np.float64) if given.dtype.kind in "biufO" else None
+    except (TypeError, ValueError):
+        vector = None
+    if vector is None:
+        raise RolloutError(f"rewards should be numbers, one for each channel; found {reward!r}")
     if vector.shape != (channels,):
-        raise ValueError(f"rewards should have shape ({channels},), as the environment declares; found {vector.shape}")
+        found = (
+            "one number; a vector needs a wrapper, as np.array([reward, -cost])" if vector.ndim == 0 else vector.shape
+        )
+        raise RolloutError(f"rewards should have shape ({channels},), as the environment declares; found {found}")
+    if not is_finite(vector):
+        channel = int(np.argmin(np.isfinite(vector)))
+        raise RolloutError(f"reward of channel {channel} should be finite; found {vector[channel]}")
     return vector

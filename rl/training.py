@@ -12,10 +12,12 @@ from cpgrl_opt.arrays import Vector
 from cpgrl_opt.step import Observer
 from cpgrl_opt.validation import is_finite
 
+from .channels import name_of
 from .estimators import Estimate, Estimation, GradientEstimator
 from .learners import Learner, LearnerUpdate
 from .policies import Policy
-from .policies.interface import require_count
+from .policies.interface import parameter_vector, require_count
+from .rollout import PolicyError, RolloutError
 from .streams import run_indices, run_streams
 
 _ADVICE = "Lower the rates, or set the step's ridge or max_restoration"
@@ -64,12 +66,13 @@ def train(
     """while k < N_K: estimate ρ and Δ over an episode; update θ (§2.1). One record per episode.
 
     episodes: N_K; runs: how many, or which: run i of a seed is the same, bit for bit, whatever else runs beside it.
-    initial: draws a run's first θ from the run's own stream; the policy's θ for every run if not given.
+    initial: draws a run's first θ, (n,), from the run's own stream; the policy's θ for every run if not given.
     observe: sees every direction problem of the learner with its answer.
     stop_when_stationary: end after the update in which every run was stationary (the paper's termination).
     max_change: the most by which an update may move a component of θ, in its unit. A diverging update need not reach
     infinity: on the arm the paper's own throws θ so far that the policy never acts otherwise again.
-    Raises ValueError for bad input at once, DivergenceError when an estimate or θ is not finite or moves further.
+    Raises ValueError for bad input at once; RolloutError, a ValueError, for an environment's NaN or infinity, with the
+    step, episode and run; DivergenceError when an estimate, an action or θ is not finite or θ moves further.
     """
     require_count("episodes", episodes, 0)
     _require_types(initial, max_change)
@@ -77,7 +80,7 @@ def train(
     streams = [run_streams(seed, run) for run in indices]
     parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
     estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
-    course = _Course(indices, episodes, observe, stop_when_stationary, max_change)
+    course = _Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
     return _records(estimation, learner, parameters, course)
 
 
@@ -90,6 +93,7 @@ def _require_types(initial: object, max_change: object) -> None:
 
 @dataclass(frozen=True)
 class _Course:
+    environment: str
     runs: tuple[int, ...]
     episodes: int
     observe: Observer | None
@@ -102,13 +106,14 @@ def _records(
 ) -> Iterator[TrainingRecord]:
     memory: Any = None
     for episode in range(1, course.episodes + 1):
-        estimate = estimation.episode(parameters)
-        linearization = _finite(estimate, course.runs, episode)
+        estimate = _estimated(estimation, parameters, course, episode)
+        linearization = _finite(estimate, parameters, course, episode)
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
             try:
                 update = learner.update(linearization, memory, course.observe)
             except FloatingPointError as error:
                 raise DivergenceError(f"after episode {episode} {error}. {_ADVICE}") from error
+            _require_update(update, parameters)
             parameters = parameters + update.change
         _require_finite(parameters, course.runs, episode)
         _require_small(update.change, course, episode)
@@ -118,8 +123,29 @@ def _records(
             return
 
 
-def _finite(estimate: Estimate, runs: tuple[int, ...], episode: int) -> Linearization:
+def _estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: _Course, episode: int) -> Estimate:
+    """One episode; what is wrong with environment or policy is told with the run's own number."""
+    try:
+        estimate = estimation.episode(parameters)
+    except RolloutError as error:
+        error.episode, error.run = episode, None if error.run is None else course.runs[error.run]
+        if isinstance(error, PolicyError):
+            raise DivergenceError(f"{error}. If that is large: {_ADVICE[0].lower()}{_ADVICE[1:]}") from error
+        raise
+    if not isinstance(estimate, Estimate):
+        raise ValueError(f"the estimator's episode should return an Estimate; found {estimate!r}")
+    return estimate
+
+
+def _finite(estimate: Estimate, parameters: Float[np.ndarray, "B n"], course: _Course, episode: int) -> Linearization:
     """The linearization, or which run and channel diverged."""
+    if not is_finite(estimate.rewards):
+        run, channel = np.argwhere(~np.isfinite(estimate.rewards))[0]
+        raise RolloutError(
+            f"rewards of channel {channel} should be finite; found a sum of {estimate.rewards[run, channel]}, where "
+            f"max |θ| = {np.abs(parameters[run]).max():.3g} (episode {episode}, run {course.runs[run]}, "
+            f"{course.environment})"
+        )
     try:
         return estimate.linearization
     except ValueError as error:
@@ -128,10 +154,21 @@ def _finite(estimate: Estimate, runs: tuple[int, ...], episode: int) -> Lineariz
             raise
         run, channel = np.argwhere(~finite)[0]
         raise DivergenceError(
-            f"the estimate of channel {channel} in run {runs[run]}, episode {episode}, should be finite; found "
+            f"the estimate of channel {channel} in run {course.runs[run]}, episode {episode}, should be finite; found "
             f"ρ = {estimate.values[run, channel]}, max |Δ| = {np.abs(estimate.gradients[run, channel]).max()}. "
             f"{_ADVICE}"
         ) from error
+
+
+def _require_update(update: object, parameters: Float[np.ndarray, "B n"]) -> None:
+    """ValueError unless a learner's answer holds a change for each θ: another shape would spread over the runs."""
+    if not isinstance(update, LearnerUpdate):
+        raise ValueError(f"the learner's update should return a LearnerUpdate; found {update!r}")
+    change = np.asarray(update.change)
+    if change.shape != parameters.shape or change.dtype.kind not in "fiu":
+        raise ValueError(
+            f"the learner's change should be numbers of shape {parameters.shape}; found {change.dtype}, {change.shape}"
+        )
 
 
 def _require_finite(parameters: Float[np.ndarray, "B n"], runs: tuple[int, ...], episode: int) -> None:
@@ -165,4 +202,11 @@ def _first_parameters(
 ) -> Float[np.ndarray, "B n"]:
     if initial is None:
         return np.array([policy.parameters for _ in rngs])
-    return np.array([policy.with_parameters(initial(rng)).parameters for rng in rngs])  # which checks them
+    return np.array([policy.with_parameters(_drawn(initial, rng, len(policy.parameters))).parameters for rng in rngs])
+
+
+def _drawn(initial: Initial, rng: np.random.Generator, n: int) -> Vector:
+    try:
+        return parameter_vector(initial(rng), n)
+    except ValueError as error:
+        raise ValueError(f"initial should return θ of shape ({n},), finite numbers: {error}") from error

@@ -2,7 +2,12 @@
 
 Generic path: a Gymnasium environment whose `step` returns an ndarray of rewards (MO-Gymnasium's convention).
 Compiled path: arrays (`FiniteKernel`) for finite MDPs, compiled functions (`ContinuousKernels`) for the
-others. Of the modules here only `random_stream`, for those that hold kernels, imports numba at once.
+others. `finite_kernel_of` and `continuous_kernels_of` say whether kernels stand for an environment: a subclass
+that overrides code of the class that declared them trains by its own `step`. Of the modules here only
+`random_stream`, for those that hold kernels, imports numba at once.
+
+On the generic path an environment may declare an `event_key`: at a termination info[event_key] is then the
+number, ≥ 1, of the event that ended the episode. Without one it is info["cpgrl_event"], and 1 if that is missing.
 
 numba kernels of a continuous environment have exactly these signatures:
 
@@ -19,7 +24,13 @@ without a signature, or captured in a closure, they would compile anew in each. 
 before the first step, so it should run whole episodes, better many.
 """
 
-from .environments import ContinuousEnvironment, FiniteEnvironment, VectorReward
+from .environments import (
+    ContinuousEnvironment,
+    FiniteEnvironment,
+    VectorReward,
+    continuous_kernels_of,
+    finite_kernel_of,
+)
 from .kernels import (
     RESET_SIGNATURE,
     STEP_SIGNATURE,
@@ -28,6 +39,7 @@ from .kernels import (
     function_type,
     random_state,
 )
+from .overrides import declaring_class, overridden
 
 __all__ = [
     "RESET_SIGNATURE",
@@ -37,6 +49,10 @@ __all__ = [
     "FiniteEnvironment",
     "FiniteKernel",
     "VectorReward",
+    "continuous_kernels_of",
+    "declaring_class",
+    "finite_kernel_of",
     "function_type",
+    "overridden",
     "random_state",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..policies import Policy, SoftmaxTable
+from ..spaces import behaves_as
 from .interface import Estimate
 
 
@@ -37,9 +38,22 @@ class ExactGradient:
                 "environment should have average_rewards and policy_gradients, as a finite MDP; "
                 f"found {type(environment).__name__}"
             )
-        if not isinstance(policy, SoftmaxTable):
-            raise ValueError(f"policy should be a SoftmaxTable; found {type(policy).__name__}")
+        _require_own_answers(environment)
+        if not behaves_as(policy, SoftmaxTable):
+            raise ValueError(f"policy should be a SoftmaxTable with no code of its own; found {type(policy).__name__}")
         return ExactEstimation(environment, policy, len(streams))
+
+
+def _require_own_answers(environment: FiniteMDP) -> None:
+    """ValueError where a subclass changes the dynamics, for which the answers that it inherits no longer hold."""
+    from envs.interface import declaring_class, overridden
+
+    owner = declaring_class(environment, "policy_gradients")
+    if owner and (changed := overridden(environment, owner, ("reset", "step", "finite_kernel"))):
+        raise ValueError(
+            f"{type(environment).__name__} should declare its own average_rewards and policy_gradients, since it has "
+            f"its own {', '.join(changed)}; found only those that it inherits from {owner.__name__}"
+        )
 
 
 class ExactEstimation:

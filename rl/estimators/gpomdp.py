@@ -12,6 +12,7 @@ from cpgrl_opt.arrays import Vector
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
 from ..rollout import episode, require_fitting, reward_channels
+from .compiled_path import continuous_kernels_for, finite_kernel_for
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, channels_from_start, require_gradient
 from .stored_average import StoredAverage, require_averages
@@ -66,16 +67,15 @@ class GPOMDP:
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
-        from envs.interface import ContinuousEnvironment, FiniteEnvironment  # Gymnasium loads with envs
-
-        if isinstance(environment, FiniteEnvironment) and isinstance(policy, SoftmaxTable):
+        mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
+        if mdp is not None and isinstance(policy, SoftmaxTable):
             from .finite_gpomdp import FiniteGPOMDP  # numba loads here
 
-            return FiniteGPOMDP(self, environment.finite_kernel(), policy, streams)
-        if isinstance(environment, ContinuousEnvironment) and isinstance(policy, NormalizedGaussianNetwork):
+            return FiniteGPOMDP(self, mdp, policy, streams)
+        if kernels is not None and isinstance(policy, NormalizedGaussianNetwork):
             from .continuous_gpomdp import ContinuousGPOMDP  # and here
 
-            return ContinuousGPOMDP(self, environment.continuous_kernels(), policy, streams)
+            return ContinuousGPOMDP(self, kernels, policy, streams)
         return RolloutGPOMDP(self, environment, policy, streams)
 
 
@@ -114,8 +114,8 @@ class RolloutGPOMDP:
     def _run(self, run: int, theta: Vector) -> "_PlainEpisode":
         policy = self.policy.with_parameters(theta)
         course = _PlainEpisode(self.settings, self.from_start, self.average.per_step[run], len(theta))
-        for step in episode(self.environment, policy, self.rngs[run], self.settings.steps):
-            course.advance(step.reward, policy.score(step.observation, step.action))
+        for step in episode(self.environment, policy, self.rngs[run], self.settings.steps, run):
+            course.advance(step.reward, step.score)
             course.event = step.event
         return course
 

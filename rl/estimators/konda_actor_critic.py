@@ -11,7 +11,8 @@ from cpgrl_opt.arrays import Vector
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
-from ..rollout import Step, episode, require_fitting, reward_channels
+from ..rollout import Step, act, episode, located, require_fitting, reward_channels
+from .compiled_path import continuous_kernels_for, finite_kernel_for
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, require_gradient
 from .stored_average import StoredAverage, require_averages
@@ -78,16 +79,15 @@ class KondaActorCritic:
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
-        from envs.interface import ContinuousEnvironment, FiniteEnvironment  # Gymnasium loads with envs
-
-        if isinstance(environment, FiniteEnvironment) and isinstance(policy, SoftmaxTable):
+        mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
+        if mdp is not None and isinstance(policy, SoftmaxTable):
             from .finite_konda import FiniteKonda  # numba loads here
 
-            return FiniteKonda(self, environment.finite_kernel(), policy, streams)
-        if isinstance(environment, ContinuousEnvironment) and isinstance(policy, NormalizedGaussianNetwork):
+            return FiniteKonda(self, mdp, policy, streams)
+        if kernels is not None and isinstance(policy, NormalizedGaussianNetwork):
             from .continuous_konda import ContinuousKonda  # and here
 
-            return ContinuousKonda(self, environment.continuous_kernels(), policy, streams)
+            return ContinuousKonda(self, kernels, policy, streams)
         return RolloutKonda(self, environment, policy, streams)
 
 
@@ -125,16 +125,16 @@ class RolloutKonda:
         policy, rng = self.policy.with_parameters(theta), self.rngs[run]
         course = _Course(self.settings, self.centred, self.average.per_step[run], self.critics[run])
         last: Step | None = None
-        for step in episode(self.environment, policy, rng, self.settings.steps):
-            score = policy.score(step.observation, step.action)
+        for step in episode(self.environment, policy, rng, self.settings.steps, run):
             if last is not None:
-                course.advance(last.reward, score)
-            course.score = score
+                course.advance(last.reward, step.score)
+            course.score = step.score
             last = step
         assert last is not None  # the limit is at least one step
         following = np.zeros_like(course.score)
         if not last.event:
-            following = policy.score(last.following, policy.sample(last.following, rng))
+            with located(self.environment, course.steps + 1, run):
+                _, following = act(policy, last.following, rng)
         course.advance(last.reward, following, last=True)
         return course.gradients, course.steps, course.rewards, last.event
 

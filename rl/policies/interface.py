@@ -1,13 +1,16 @@
 """What an estimator needs of a policy μ_θ(x, u)."""
 
+import copy
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from functools import cached_property
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Vector
+from cpgrl_opt.validation import is_finite, real_values
 
 Index = int | np.int64
 Features = Callable[[Any], Float[np.ndarray, "k"]]
@@ -31,9 +34,14 @@ class Policy(Protocol):
         """The policy at another θ, (n,)."""
 
 
-def parameter_vector(parameters: ArrayLike | None, n: int) -> NDArray[np.float64]:
-    """A read-only copy of θ, (n,), zeros if None; ValueError unless it is finite and has n components."""
-    theta = np.zeros(n) if parameters is None else np.array(parameters, dtype=np.float64)
+P = TypeVar("P", bound=Policy)
+
+
+def parameter_vector(parameters: ArrayLike, n: int) -> NDArray[np.float64]:
+    """A read-only copy of θ, (n,); ValueError unless it is n finite real numbers."""
+    if parameters is None or isinstance(parameters, np.ma.MaskedArray):
+        raise ValueError(f"parameters should have shape ({n},); found {_described(parameters)}")
+    theta = real_values("parameters", parameters).copy()
     if theta.shape != (n,):
         raise ValueError(f"parameters should have shape ({n},); found {theta.shape}")
     if not np.isfinite(theta).all():
@@ -42,10 +50,36 @@ def parameter_vector(parameters: ArrayLike | None, n: int) -> NDArray[np.float64
     return theta
 
 
+def _described(parameters: ArrayLike | None) -> str:
+    return "None" if parameters is None else f"a masked array, {parameters!r}"
+
+
+def first_parameters(parameters: ArrayLike | None, n: int) -> NDArray[np.float64]:
+    """θ of a policy's constructor: zeros, (n,), unless given."""
+    return parameter_vector(np.zeros(n) if parameters is None else parameters, n)
+
+
+def at_parameters(policy: P, parameters: ArrayLike) -> P:
+    """A copy of a policy at another θ, of the same class, so that a subclass keeps its own `sample` and `score`.
+
+    Cached properties are computed anew. A subclass that stores more of what depends on θ needs its own
+    `with_parameters`.
+    """
+    theta = parameter_vector(parameters, len(policy.parameters))
+    other = copy.copy(policy)
+    for name in [name for name in vars(other) if isinstance(getattr(type(other), name, None), cached_property)]:
+        del vars(other)[name]
+    object.__setattr__(other, "parameters", theta)
+    return other
+
+
 def feature_vector(features: Float[np.ndarray, "k"], size: int) -> Float[np.ndarray, "k"]:
-    """φ(x) as it is; ValueError unless it has `size` components."""
+    """φ(x) as it is; ValueError unless it has `size` components, finite real numbers."""
     if np.shape(features) != (size,):
         raise ValueError(f"policy should have features of shape ({size},), as its size; found {np.shape(features)}")
+    numbers = real_values("what the policy's features return", features)
+    if not is_finite(numbers):
+        raise ValueError(f"policy should have finite features of a finite observation; found {numbers}")
     return features
 
 

@@ -1,7 +1,7 @@
 """A Gaussian over actions whose mean is linear in features of the observation."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import Features, feature_vector, parameter_vector, require_count
+from .interface import Features, at_parameters, feature_vector, first_parameters, require_count
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -44,7 +44,7 @@ class LinearGaussian:
             ("size", int(size)),
             ("dimensions", int(dimensions)),
             ("deviation", float(deviation)),
-            ("parameters", parameter_vector(parameters, size * dimensions)),
+            ("parameters", first_parameters(parameters, size * dimensions)),
         ):
             object.__setattr__(self, name, value)
 
@@ -62,11 +62,9 @@ class LinearGaussian:
         surprise = (np.asarray(action, dtype=np.float64) - self._of(phi)) / self.deviation**2
         return np.outer(phi, surprise).reshape(-1)
 
-    def with_parameters(self, parameters: ArrayLike) -> "LinearGaussian":
+    def with_parameters(self, parameters: ArrayLike) -> Self:
         """The policy at another θ, (k·d,)."""
-        return LinearGaussian(
-            self.features, self.size, self.dimensions, deviation=self.deviation, parameters=parameters
-        )
+        return at_parameters(self, parameters)
 
     def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
         return feature_vector(self.features(observation), self.size)

@@ -1,7 +1,7 @@
 """A softmax over actions whose preferences are linear in features of the observation."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import Features, Index, feature_vector, parameter_vector, require_count
+from .interface import Features, Index, at_parameters, feature_vector, first_parameters, require_count
 from .softmax_table import softmax
 
 
@@ -33,7 +33,7 @@ class LinearSoftmax:
             ("features", features),
             ("size", int(size)),
             ("actions", int(actions)),
-            ("parameters", parameter_vector(parameters, size * actions)),
+            ("parameters", first_parameters(parameters, size * actions)),
         ):
             object.__setattr__(self, name, value)
 
@@ -53,9 +53,9 @@ class LinearSoftmax:
         surprise[action] += 1.0
         return np.outer(phi, surprise).reshape(-1)
 
-    def with_parameters(self, parameters: ArrayLike) -> "LinearSoftmax":
+    def with_parameters(self, parameters: ArrayLike) -> Self:
         """The policy at another θ, (k·A,)."""
-        return LinearSoftmax(self.features, self.size, self.actions, parameters)
+        return at_parameters(self, parameters)
 
     def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
         return feature_vector(self.features(observation), self.size)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import parameter_vector, require_count
+from .interface import at_parameters, first_parameters, require_count
 
 _ONE = np.ones(1)
 _NARROWEST = 0.1  # of the spacing: narrower ones tell cells apart, nothing more, and overflow when compiled
@@ -69,7 +69,7 @@ class NormalizedGaussianNetwork:
             ("dimensions", int(dimensions)),
             ("deviation", float(deviation)),
             ("width", float(width)),
-            ("parameters", parameter_vector(parameters, size * dimensions)),
+            ("parameters", first_parameters(parameters, size * dimensions)),
         ):
             object.__setattr__(self, name, value)
 
@@ -120,10 +120,7 @@ class NormalizedGaussianNetwork:
 
     def with_parameters(self, parameters: ArrayLike) -> Self:
         """The network at another θ, (K·d,)."""
-        return type(self)(
-            self.low, self.high, self.counts, self.dimensions,
-            deviation=self.deviation, width=self.width, parameters=parameters,
-        )  # fmt: skip
+        return at_parameters(self, parameters)
 
     def _of(self, features: Vector) -> Vector:
         mean: Vector = features @ self.parameters.reshape(-1, self.dimensions)

@@ -1,6 +1,7 @@
 """A lookup table with softmax distribution: the policy of the three-state MDP (§3.1)."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
 
-from .interface import Index, parameter_vector, require_count
+from .interface import Index, at_parameters, first_parameters, require_count
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -28,7 +29,7 @@ class SoftmaxTable:
         for name, value in (
             ("states", int(states)),
             ("actions", int(actions)),
-            ("parameters", parameter_vector(parameters, states * actions)),
+            ("parameters", first_parameters(parameters, states * actions)),
         ):
             object.__setattr__(self, name, value)
 
@@ -50,9 +51,9 @@ class SoftmaxTable:
         psi[observation, action] += 1.0
         return psi.reshape(-1)
 
-    def with_parameters(self, parameters: ArrayLike) -> "SoftmaxTable":
+    def with_parameters(self, parameters: ArrayLike) -> Self:
         """The table at another θ, (S·A,)."""
-        return SoftmaxTable(self.states, self.actions, parameters)
+        return at_parameters(self, parameters)
 
     def _row(self, state: Index) -> Float[np.ndarray, "A"]:
         return softmax(self.parameters[state * self.actions : (state + 1) * self.actions])

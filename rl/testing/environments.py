@@ -1,14 +1,16 @@
 """`check_constrained_env`: does an environment keep what training relies on?"""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from envs.interface import ContinuousEnvironment, FiniteEnvironment
+from envs.interface import continuous_kernels_of, finite_kernel_of
 
+from ..channels import declared, event_key, layers
 from .contract import require
 from .kernels import check_continuous_kernels, check_finite_kernel
 
@@ -18,14 +20,14 @@ ExpectedReward = Callable[[Any, Any, Any], Any]
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """One step; reward is a copy, given the environment's own array."""
+    """One step, of copies; given: by name, the objects that environment and check handed each other."""
 
     observation: Any
     action: Any
     following: Any
     reward: np.ndarray
-    given: np.ndarray
     ended: tuple[bool, bool]
+    given: dict[str, Any] = field(default_factory=dict)
 
 
 def check_constrained_env(
@@ -34,25 +36,29 @@ def check_constrained_env(
     """Random actions for `steps` steps; ContractBroken at the first thing that is not as it should be.
 
     Checked: observation, action and reward spaces, all there; `reset` and `step` return what Gymnasium asks for, info
-    a dict; every reward is an array (1 + m,) of floats, finite, inside `reward_space`, and stays as it was when the
-    next one comes; the same seed and actions give the same episode, whatever NumPy's global generator is at.
+    a dict; every reward is an array (1 + m,) of floats, finite, inside the outermost `reward_space`; observations and
+    rewards stay as they were when the next ones come, and actions are not written to: training copies them all, but
+    others who keep them are misled; an event number at a termination is an integer ≥ 1 (`envs.interface`); the same
+    seed and actions give the same episode, whatever NumPy's global generator is at.
     expected_reward: what each channel should yield, to check that channel 0 is the objective and the constraints
-    stand in their order; without it the order is checked against compiled kernels, where `env` offers them
-    (`envs.interface`), and cannot be checked otherwise. Kernels are compared with `step`: a finite MDP's rewards
-    exactly; its transitions, and everything of continuous kernels, in distribution, within `z` standard errors, so
-    that a right environment fails with a chance of about 2e-9 a number compared (z = 6).
+    stand in their order; without it the order is checked against compiled kernels, where the environment within its
+    wrappers offers them (`envs.interface.finite_kernel_of`), and cannot be checked otherwise. Kernels are compared with
+    that environment's `step`: a finite MDP's rewards exactly; its transitions, and everything of continuous kernels,
+    in distribution, within `z` standard errors, so that a right environment fails with a chance of about 2e-9 a
+    number compared (z = 6).
     Not seen: a seed that is ignored by an environment that draws nothing, bias below the standard errors, and what
     random actions do not reach.
     """
     inner = getattr(env, "unwrapped", env)
-    channels = _check_spaces(env, inner)
+    space = _check_spaces(env)
     first = _rollout(env, steps, seed)
-    _check_rewards(first, inner.reward_space, channels)
+    _check_rewards(first, space)
+    _check_ownership(first)
     again = _rollout(env, steps, seed, disturb=True)
     for t, (one, other) in enumerate(zip(first, again, strict=False)):
         for name in ("observation", "reward", "following", "ended"):
             require(
-                np.array_equal(getattr(one, name), getattr(other, name)),
+                _same(getattr(one, name), getattr(other, name)),
                 f"{name} of step {t} should be the same after reset(seed={seed}) and the same actions",
                 f"{getattr(one, name)} and {getattr(other, name)}: all randomness should come from self.np_random",
             )
@@ -61,29 +67,33 @@ def check_constrained_env(
     )
     if expected_reward is not None:
         _check_order(first, expected_reward)
-    if isinstance(inner, FiniteEnvironment):
-        check_finite_kernel(inner.finite_kernel(), first, z)
-    if isinstance(inner, ContinuousEnvironment):
-        check_continuous_kernels(inner.continuous_kernels(), env, seed, z)
+    if (kernel := finite_kernel_of(inner)) is not None:
+        check_finite_kernel(kernel, first if inner is env else _rollout(inner, steps, seed), z)
+    if (kernels := continuous_kernels_of(inner)) is not None:
+        check_continuous_kernels(kernels, inner, seed, z)
 
 
-def _check_spaces(env: Any, inner: Any) -> int:
+def _check_spaces(env: Any) -> gymnasium.spaces.Box:
+    """The reward space, the outermost one."""
     for name in ("reset", "step"):
         require(callable(getattr(env, name, None)), f"env should have a method {name}", type(env).__name__)
     for name in ("observation_space", "action_space"):
-        space = getattr(env, name, None)
-        require(isinstance(space, gymnasium.Space), f"{name} should be a Gymnasium space", repr(space))
-    space = getattr(inner, "reward_space", None)
+        found = getattr(env, name, None)
+        require(isinstance(found, gymnasium.Space), f"{name} should be a Gymnasium space", repr(found))
+    space: Any = declared(env, "reward_space")
     require(
         isinstance(space, gymnasium.spaces.Box) and len(space.shape) == 1 and space.shape[0] >= 1,
-        "env.unwrapped.reward_space should be a Box of shape (1 + m,), channel 0 the objective",
+        "reward_space should be a Box of shape (1 + m,), channel 0 the objective",
         repr(space),
     )
-    channels = int(inner.reward_space.shape[0])
-    for name in ("reward_dim", "reward_channels"):
-        stated = getattr(inner, name, channels)
-        require(stated == channels, f"{name} should be {channels}, as reward_space has it", stated)
-    return channels
+    box: gymnasium.spaces.Box = space
+    channels = box.shape[0]
+    for layer in layers(env):
+        if getattr(layer, "reward_space", None) is box:
+            for name in ("reward_dim", "reward_channels"):
+                stated = getattr(layer, name, channels)
+                require(stated == channels, f"{name} should be {channels}, as reward_space has it", stated)
+    return box
 
 
 def _rollout(env: Any, steps: int, seed: int, *, disturb: bool = False) -> list[Transition]:
@@ -93,10 +103,12 @@ def _rollout(env: Any, steps: int, seed: int, *, disturb: bool = False) -> list[
     if disturb:  # whoever draws from the global generator is found out; its state is put back
         kept = np.random.get_state()  # noqa: NPY002
         np.random.random(7)  # noqa: NPY002
-    observation = _reset(env, seed)
-    found = []
+    key, found = event_key(env), []
+    given = _reset(env, seed)
+    observation = copy.deepcopy(given)
     for _ in range(steps):
         action = env.action_space.sample()
+        drawn = copy.deepcopy(action)
         answer = env.step(action)
         require(
             isinstance(answer, tuple) and len(answer) == 5,
@@ -113,9 +125,14 @@ def _rollout(env: Any, steps: int, seed: int, *, disturb: bool = False) -> list[
             "reward should be an array of floats, one for each channel",
             repr(reward),
         )
+        if terminated and (event := info.get(key)) is not None:
+            whole = isinstance(event, (int, np.integer)) and not isinstance(event, bool) and event >= 1
+            require(whole, f"info[{key!r}] at a termination should be an integer ≥ 1, or missing", repr(event))
         ended = bool(terminated), bool(truncated)
-        found.append(Transition(_copy(observation), _copy(action), _copy(following), reward.copy(), reward, ended))
-        observation = _reset(env, None) if any(ended) else following
+        objects = {"observation": given, "action": action, "following": following, "reward": reward}
+        found.append(Transition(observation, drawn, copy.deepcopy(following), reward.copy(), ended, objects))
+        given = _reset(env, None) if any(ended) else following
+        observation = copy.deepcopy(given)
     if disturb:
         np.random.set_state(kept)  # noqa: NPY002
     return found
@@ -133,25 +150,42 @@ def _require_in(name: str, value: Any, space: Any) -> None:
     require(space.contains(value), f"{name} should lie in {space}", repr(value))
 
 
-def _copy(value: Any) -> Any:
-    return value.copy() if isinstance(value, np.ndarray) else value
+def _same(one: Any, other: Any) -> bool:
+    """The same numbers in the same places, through dictionaries, tuples and lists."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, (tuple, list)) and isinstance(other, (tuple, list)):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return bool(np.array_equal(one, other))
 
 
-def _check_rewards(transitions: list[Transition], space: Any, channels: int) -> None:
+def _check_rewards(transitions: list[Transition], space: gymnasium.spaces.Box) -> None:
     for t, transition in enumerate(transitions):
         reward = transition.reward
-        require(reward.shape == (channels,), f"the reward of step {t} should have shape ({channels},)", reward.shape)
+        require(reward.shape == space.shape, f"the reward of step {t} should have shape {space.shape}", reward.shape)
         require(np.isfinite(reward).all(), f"the reward of step {t} should be finite", reward)
         require(
             (reward >= space.low).all() and (reward <= space.high).all(),
             f"the reward of step {t} should lie in reward_space, [{space.low}, {space.high}]",
             reward,
         )
-        require(
-            np.array_equal(transition.given, reward),
-            f"the reward of step {t} should stay as it was, an array of its own",
-            f"{reward}, later {transition.given}",
-        )
+
+
+_OWN = {
+    "reward": "should stay as it was, an array of its own",
+    "observation": "should stay as it was, an array of its own",
+    "following": "should stay as it was, an array of its own",
+    "action": "should not be written to",
+}
+
+
+def _check_ownership(transitions: list[Transition]) -> None:
+    """What was handed over during the rollout, compared with copies taken before, after all of it is over."""
+    for t, each in enumerate(transitions):
+        for name, should in _OWN.items():
+            copied, now = getattr(each, name), each.given[name]
+            what = "next observation" if name == "following" else name
+            require(_same(copied, now), f"the {what} of step {t} {should}", f"{copied}, later {now}")
 
 
 def _check_order(transitions: list[Transition], expected_reward: ExpectedReward) -> None:

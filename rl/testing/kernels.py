@@ -7,6 +7,7 @@ import numpy as np
 
 from envs.interface import ContinuousKernels, FiniteKernel, random_state
 
+from ..channels import event_key, event_of
 from .contract import require
 
 _EPISODES = 200  # of each side
@@ -89,16 +90,16 @@ def _kernel_episodes(kernels: ContinuousKernels, source: np.random.SeedSequence)
 
 
 def _step_episodes(kernels: ContinuousKernels, env: Any, source: np.random.SeedSequence) -> Iterator[np.ndarray]:
-    rng = np.random.default_rng(source)
+    rng, key = np.random.default_rng(source), event_key(env)
     for _ in range(_EPISODES):
-        start, _ = env.reset(seed=int(rng.integers(2**31)))
+        start = np.array(env.reset(seed=int(rng.integers(2**31)))[0])
         state, total, event, steps = start, np.zeros(kernels.reward_channels), 0, 0
         while event == 0 and steps < min(_STEPS, kernels.max_steps):
             action = rng.standard_normal(kernels.action_size)
             state, reward, terminated, truncated, info = env.step(action)
             total += reward
             steps += 1
-            event = int(info.get("event", 1)) if terminated else 0
+            event = event_of(info, key, terminated=terminated)
             if truncated:
                 break
         yield _described(kernels, start, state, total, steps, event)

@@ -75,6 +75,8 @@ def episode_streams(runs: int) -> list[np.random.SeedSequence]:
 class Replay:
     """The kernels as a Gymnasium environment, and the network's policy, on one run's random state."""
 
+    event_key = "event"
+
     def __init__(self, kernels: ContinuousKernels, network: NormalizedGaussianNetwork, stream: Any) -> None:
         self.kernels, self.network = kernels, network
         self.words = random_state(stream)

@@ -37,7 +37,7 @@ def episode_streams(runs: int, seed: int = 0) -> list[np.random.SeedSequence]:
 class Scripted:
     """One state; plays the rewards of its script, then terminates, truncates, or goes on."""
 
-    reward_channels = 2
+    reward_channels, event_key = 2, "event"
 
     def __init__(self, rewards: list[list[float]], end: str) -> None:
         self.rewards, self.end = rewards, end

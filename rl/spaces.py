@@ -1,0 +1,94 @@
+"""Policies and Gymnasium's spaces: whether they fit, and how an action is handed over."""
+
+import copy
+from collections.abc import Mapping
+from typing import Any, TypeGuard, TypeVar
+
+import numpy as np
+
+from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
+
+P = TypeVar("P")
+
+_OURS = (SoftmaxTable, LinearSoftmax, LinearGaussian, NormalizedGaussianNetwork)
+
+
+def hand_over(action: Any, space: Any) -> Any:
+    """The environment's own copy of an action, in the dtype of its space, as `space.sample()` has it.
+
+    Numbers are rounded to floats of the space, never clipped; what its dtype cannot hold, 1e300 in float32 or 300 in
+    uint8, goes over in the dtype it has. Elements of a Discrete space are as the policy gives them.
+    """
+    parts = getattr(space, "spaces", None)  # of a Dict or a Tuple
+    if isinstance(parts, Mapping) and isinstance(action, Mapping):
+        return {name: hand_over(part, parts.get(name)) for name, part in action.items()}
+    if isinstance(parts, tuple) and isinstance(action, tuple) and len(parts) == len(action):
+        return tuple(hand_over(part, inner) for part, inner in zip(action, parts, strict=True))
+    dtype, shape = getattr(space, "dtype", None), getattr(space, "shape", None)
+    if isinstance(dtype, np.dtype) and (dtype.kind == "f" or (dtype.kind in "iu" and shape)):
+        given = np.asarray(action)
+        if given.dtype.kind in "biu" + dtype.kind:
+            with np.errstate(over="ignore"):
+                own = given.astype(dtype)
+            if np.isfinite(own).all() if dtype.kind == "f" else np.array_equal(own, given):
+                return own
+    return copy.deepcopy(action)
+
+
+def behaves_as(policy: object, kind: type[P]) -> TypeGuard[P]:
+    """Whether a policy is a `kind` that samples and scores as that class does: compiled code may stand for it."""
+    from envs.interface import overridden  # Gymnasium loads with envs
+
+    return isinstance(policy, kind) and not overridden(policy, kind)
+
+
+def require_fitting(environment: Any, policy: Policy) -> None:
+    """ValueError unless a policy of ours fits the environment's spaces.
+
+    Whatever says no size is let through, and so is a subclass with code of its own, which may read observations
+    and make actions of another kind.
+    """
+    from gymnasium.spaces import Box, Discrete
+
+    states, actions = (getattr(environment, f"{name}_space", None) for name in ("observation", "action"))
+    if not any(behaves_as(policy, kind) for kind in _OURS):
+        return
+    if isinstance(policy, SoftmaxTable):
+        _require_kind("observation", Discrete, states, policy)
+        _require_size("states", policy.states, _count(states), states)
+    if isinstance(policy, (SoftmaxTable, LinearSoftmax)):
+        _require_kind("action", Discrete, actions, policy)
+        _require_size("actions", policy.actions, _count(actions), actions)
+    if isinstance(policy, NormalizedGaussianNetwork):
+        _require_kind("observation", Box, states, policy)
+        _require_size("components of an observation", len(policy.counts), _shape(states), states)
+    if isinstance(policy, (LinearGaussian, NormalizedGaussianNetwork)):
+        _require_kind("action", Box, actions, policy)
+        _require_size("components of an action", policy.dimensions, _shape(actions), actions)
+
+
+def _require_kind(name: str, kind: type, space: Any, policy: Policy) -> None:
+    if space is not None and not isinstance(space, kind):
+        raise ValueError(
+            f"policy should have {name}s from {space}; found {type(policy).__name__}, which has them from a "
+            f"{kind.__name__}"
+        )
+
+
+def _require_size(name: str, found: int, wanted: int | str | None, space: Any) -> None:
+    if wanted is not None and found != wanted:
+        raise ValueError(f"policy should have {wanted} {name}, as the environment's {space}; found {found}")
+
+
+def _count(space: Any) -> int | str | None:
+    """How many elements 0, 1, … a Discrete space has."""
+    if space is None:
+        return None
+    return int(space.n) if space.start == 0 else f"{space.n} (from {space.start}, where a policy counts from 0)"
+
+
+def _shape(space: Any) -> int | str | None:
+    """How many components a Box has, if it is a box of vectors; else its shape, which no number equals."""
+    if space is None:
+        return None
+    return int(space.shape[0]) if len(space.shape) == 1 else str(space.shape)

@@ -1,0 +1,350 @@
+"""What somebody's own code says is trained on: kernels stand only for the class that declares them."""
+
+# ruff: noqa: ARG002 - stand-ins take what they ignore
+
+from functools import cached_property
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs import FiniteKernel, TabularEnv, TabularMDP, ThreeStateEnv, ThreeStateMDP, TwoLinkArm, TwoLinkArmEnv
+from envs.interface import continuous_kernels_of, finite_kernel_of
+from rl import GPOMDP, ExactGradient, KondaActorCritic, NormalizedGaussianNetwork, SoftmaxTable
+from rl.estimators.gpomdp import RolloutGPOMDP
+from rl.estimators.konda_actor_critic import RolloutKonda
+from rl.streams import run_streams
+
+ESTIMATORS = [GPOMDP(steps=7), KondaActorCritic(steps=7)]
+ONES = np.ones((2, 3, 3))  # every step yields 1 in both channels
+SEVEN = [[7.0, 7.0]]
+MINUS_SEVEN = [[-7.0, -7.0]]
+
+
+def rewards_of(environment: Any, estimator: Any, policy: Any = None) -> list[list[float]]:
+    """Each channel's sum over one episode of one run."""
+    policy = SoftmaxTable(3, 3) if policy is None else policy
+    estimation = estimator.start(environment, policy, [run_streams(0, 0).episodes])
+    return estimation.episode(np.array([policy.parameters])).rewards.tolist()
+
+
+def turned(step: Any) -> Any:
+    """A step whose rewards have the other sign."""
+
+    def other(self: Any, action: Any) -> Any:
+        observation, reward, *rest = step(self, action)
+        return (observation, -reward, *rest)
+
+    return other
+
+
+class OwnStep(ThreeStateEnv):
+    step = turned(ThreeStateEnv.step)
+
+
+class Mixin:
+    def step(self, action: Any) -> Any:
+        observation, reward, *rest = super().step(action)  # type: ignore[misc]
+        return (observation, -reward, *rest)
+
+
+class Mixed(Mixin, ThreeStateEnv):
+    pass
+
+
+class Declares(TabularEnv):
+    """Kernels declared below the step that they restate, and beside it another branch of the same family."""
+
+    def finite_kernel(self) -> FiniteKernel:
+        return super().finite_kernel()
+
+
+class Other(TabularEnv):
+    step = turned(TabularEnv.step)
+
+
+class Diamond(Declares, Other):
+    """`step` is Other's, which stands behind Declares in the order of resolution."""
+
+
+class Lender:
+    """A proxy that lends everything but its step; on Python 3.11 it looks like a FiniteEnvironment."""
+
+    def __init__(self, environment: Any) -> None:
+        self.inner = environment
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+    def step(self, action: Any) -> Any:
+        observation, reward, *rest = self.inner.step(action)
+        return (observation, -reward, *rest)
+
+
+class Wrapped(gymnasium.Wrapper):  # type: ignore[type-arg]
+    step = turned(gymnasium.Wrapper.step)
+
+
+class Helped(gymnasium.Env):  # type: ignore[type-arg]
+    """Somebody's environment, whose step asks a method for the reward."""
+
+    reward_channels = 2
+    observation_space, action_space = gymnasium.spaces.Discrete(3), gymnasium.spaces.Discrete(3)
+
+    def finite_kernel(self) -> FiniteKernel:
+        return TabularMDP(np.full((3, 3, 3), 1 / 3), ONES).finite_kernel()
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        return 0, {}
+
+    def step(self, action: Any) -> Any:
+        return int(self.np_random.integers(3)), self.reward(action), False, False, {}
+
+    def reward(self, action: Any) -> np.ndarray:
+        return np.ones(2)
+
+
+class OwnReward(Helped):
+    def reward(self, action: Any) -> np.ndarray:
+        return -np.ones(2)
+
+
+def patched() -> ThreeStateEnv:
+    environment = ThreeStateEnv(rewards=ONES)
+    environment.step = turned(ThreeStateEnv.step).__get__(environment)  # type: ignore[method-assign]
+    return environment
+
+
+OTHERS: dict[str, Any] = {
+    "a subclass": lambda: OwnStep(rewards=ONES),
+    "a subclass through a mixin": lambda: Mixed(rewards=ONES),
+    "a diamond": lambda: Diamond(ThreeStateMDP(rewards=ONES)),
+    "a patched instance": patched,
+    "a lending proxy": lambda: Lender(ThreeStateEnv(rewards=ONES)),
+    "a wrapper": lambda: Wrapped(ThreeStateEnv(rewards=ONES)),
+    "a wrapper around make": lambda: Wrapped(gymnasium.make("cpgrl/ThreeState-v0", rewards=ONES)),
+    "a helper of step": OwnReward,
+}
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("who", OTHERS)
+def test_rewards_are_those_of_the_step_that_is_there(who: str, estimator: Any) -> None:
+    environment = OTHERS[who]()
+    assert rewards_of(environment, estimator) == MINUS_SEVEN
+    assert finite_kernel_of(environment) is None
+
+
+class OwnReset(TabularEnv):
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed, options=options)
+        self._state = 2
+        return np.int64(2), {}
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_an_episode_starts_where_the_reset_that_is_there_says(estimator: Any) -> None:
+    stays = np.repeat(np.eye(3)[:, None], 3, axis=1)
+    rewards = np.array([[[state] * 3 for state in (0.0, 0.0, 1.0)]] * 2)
+    mdp = TabularMDP(stays, rewards)
+    assert rewards_of(TabularEnv(mdp), estimator) == [[0.0, 0.0]]
+    assert rewards_of(OwnReset(mdp), estimator) == SEVEN
+
+
+class Unchanged(ThreeStateEnv):
+    """Constants, pictures, methods and data of its own, but no other dynamics."""
+
+    colour = "blue"
+
+    def __init__(self) -> None:
+        super().__init__(rewards=ONES)
+        self.extra = 3
+
+    def render(self) -> Any:
+        return None
+
+    @property
+    def more(self) -> int:
+        return self.extra
+
+    @cached_property
+    def once(self) -> int:
+        return 1
+
+
+class Vouches(OwnStep):
+    """Its own step, and a kernel that says the same."""
+
+    def finite_kernel(self) -> FiniteKernel:
+        kernel = super().finite_kernel()
+        return FiniteKernel(kernel.transition_cumulative, -kernel.rewards, kernel.start)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_who_changes_nothing_or_declares_a_kernel_runs_compiled(estimator: Any) -> None:
+    unchanged = Unchanged()
+    assert (unchanged.once, unchanged.more) == (1, 3)  # a cached value in the instance is no override
+    for environment, rewards in (
+        (unchanged, SEVEN),
+        (Vouches(rewards=ONES), MINUS_SEVEN),
+        (Declares(ThreeStateMDP(rewards=ONES)), SEVEN),
+        (ThreeStateMDP(rewards=ONES), SEVEN),
+        (Helped(), SEVEN),
+    ):
+        assert rewards_of(environment, estimator) == rewards
+        estimation = estimator.start(environment, SoftmaxTable(3, 3), [run_streams(0, 0).episodes])
+        assert not isinstance(estimation, (RolloutGPOMDP, RolloutKonda))
+
+
+def test_an_environment_steps_by_the_kernel_that_its_mdp_declares() -> None:
+    class Halved(ThreeStateMDP):
+        def finite_kernel(self) -> FiniteKernel:
+            kernel = super().finite_kernel()
+            return FiniteKernel(kernel.transition_cumulative, kernel.rewards / 2, 1)
+
+    environment = TabularEnv(Halved(rewards=ONES))
+    assert environment.reset(seed=0)[0] == 1
+    assert environment.step(0)[1].tolist() == [0.5, 0.5]
+    assert environment.reward_space.high.tolist() == [0.5, 0.5]
+
+
+# --- the arm -----------------------------------------------------------------------------------------------------
+
+
+def network() -> NormalizedGaussianNetwork:
+    return NormalizedGaussianNetwork(*TwoLinkArm().stops, (5, 8), 2)
+
+
+class OwnArmStep(TwoLinkArmEnv):
+    def step(self, action: Any) -> Any:
+        observation, _, *rest = super().step(action)
+        return (observation, np.array([-1.0, -2.0, 3.0]), *rest)
+
+
+class NearMiss(TwoLinkArm):
+    def touched(self, points: Any) -> Any:
+        return np.zeros_like(super().touched(points))
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_an_arm_is_trained_by_its_own_step(estimator: Any) -> None:
+    environment = OwnArmStep(touch_radius=1e-6)
+    assert rewards_of(environment, estimator, network()) == [[-7.0, -14.0, 21.0]]
+    assert continuous_kernels_of(environment) is None
+    for compiled in (TwoLinkArm(), TwoLinkArmEnv()):
+        started = estimator.start(compiled, network(), [run_streams(0, 0).episodes])
+        assert not isinstance(started, (RolloutGPOMDP, RolloutKonda))
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_an_arm_with_other_kinematics_and_no_step_is_refused(estimator: Any) -> None:
+    message = "NearMiss should declare its own continuous_kernels, or have reset and step, since it has its own touched"
+    with pytest.raises(ValueError, match=message):
+        rewards_of(NearMiss(), estimator, network())
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmEnv(NearMiss())
+
+
+# --- finite MDPs -------------------------------------------------------------------------------------------------
+
+
+class Halting(ThreeStateMDP):
+    """A finite MDP that somebody made an environment of."""
+
+    def reset(self, *, seed: int) -> Any:
+        return 0, {}
+
+    def step(self, action: int) -> Any:
+        return 0, -np.ones(2), False, False, {}
+
+
+class Lame(ThreeStateMDP):
+    def step(self, action: int) -> Any:
+        return 0, -np.ones(2), False, False, {}
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_an_mdp_with_a_step_is_trained_by_it_or_refused(estimator: Any) -> None:
+    assert rewards_of(Halting(rewards=ONES), estimator) == MINUS_SEVEN
+    with pytest.raises(ValueError, match="Lame should declare its own finite_kernel, or have reset and step"):
+        rewards_of(Lame(), estimator)
+    with pytest.raises(ValueError, match="mdp should be a TabularMDP without a step of its own; found Halting"):
+        TabularEnv(Halting())
+
+
+def test_exact_answers_are_refused_where_the_dynamics_are_somebodys_own() -> None:
+    streams = [run_streams(0, 0).episodes]
+    for mdp in (Halting(), Lame()):
+        with pytest.raises(ValueError, match="should declare its own average_rewards and policy_gradients"):
+            ExactGradient().start(mdp, SoftmaxTable(3, 3), streams)
+    with pytest.raises(ValueError, match="policy should be a SoftmaxTable with no code of its own; found First"):
+        ExactGradient().start(ThreeStateMDP(), First(3, 3), streams)
+    ExactGradient().start(ThreeStateMDP(), SoftmaxTable(3, 3), streams)
+
+
+# --- policies ----------------------------------------------------------------------------------------------------
+
+
+class First(SoftmaxTable):
+    """Takes the first action whatever θ is."""
+
+    def sample(self, observation: Any, rng: Any) -> int:
+        return 0
+
+
+class Upright(NormalizedGaussianNetwork):
+    """A network of another constructor, whose arm stands still."""
+
+    def __init__(self) -> None:
+        super().__init__(*TwoLinkArm().stops, (5, 8), 2)
+
+    def sample(self, observation: Any, rng: Any) -> np.ndarray:
+        return np.zeros(2)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_policys_own_code_acts_and_survives_another_theta(estimator: Any) -> None:
+    by_action = np.broadcast_to([1.0, 2.0, 3.0], (2, 3, 3))
+    assert rewards_of(TabularEnv(ThreeStateMDP(rewards=by_action)), estimator, First(3, 3)) == SEVEN
+    with pytest.raises(ValueError, match=r"a finite MDP .* no subclass with its own code; found ThreeStateMDP"):
+        rewards_of(ThreeStateMDP(), estimator, First(3, 3))
+    still = rewards_of(TwoLinkArmEnv(touch_radius=1e-6), estimator, Upright())
+    assert still[0][1] == 0  # an arm at rest does not leave the box
+    for policy in (First(3, 3), Upright()):
+        other = policy.with_parameters(np.arange(float(len(policy.parameters))))
+        assert type(other) is type(policy)
+        assert other.parameters[-1] == len(policy.parameters) - 1
+
+
+def test_what_a_policy_caches_is_computed_anew_at_another_theta() -> None:
+    class Caching(SoftmaxTable):
+        @cached_property
+        def table(self) -> np.ndarray:
+            return self.probabilities()
+
+    policy = Caching(2, 2)
+    assert policy.table.tolist() == [[0.5, 0.5]] * 2
+    assert policy.with_parameters([0.0, np.log(3), 0.0, 0.0]).table[0].tolist() == pytest.approx([0.25, 0.75])
+
+
+def test_a_policy_of_ones_own_may_read_other_observations() -> None:
+    class Halves(SoftmaxTable):
+        def sample(self, observation: Any, rng: Any) -> int:
+            return super().sample(int(observation[0] > 0), rng)
+
+        def score(self, observation: Any, action: Any) -> np.ndarray:
+            return super().score(int(observation[0] > 0), action)
+
+    class Point(gymnasium.Env):  # type: ignore[type-arg]
+        observation_space, action_space = gymnasium.spaces.Box(-1, 1, (1,)), gymnasium.spaces.Discrete(2)
+        reward_space = gymnasium.spaces.Box(-1, 1, (2,))
+
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            return np.zeros(1), {}
+
+        def step(self, action: int) -> Any:
+            return np.ones(1), np.ones(2), False, False, {}
+
+    assert rewards_of(Point(), GPOMDP(steps=7), Halves(2, 2)) == SEVEN
