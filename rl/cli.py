@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -211,11 +211,12 @@ def three_state(
             training=settings, solvers=_listed(compare_solvers), formulations=_listed(compare_formulations),
             slow_episodes=compare_episodes,
         )  # fmt: skip
-    with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
-        done = reproduce_three_state(settings, out, processes=processes, listen=progress.listen)
-    if comparison is not None:
-        _compare(comparison, out, processes)
-    written = [name for name in FILES if (out / name).exists()]
+    with _reserved(out):
+        with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
+            done = reproduce_three_state(settings, out, processes=processes, listen=progress.listen)
+        if comparison is not None:
+            _compare(comparison, out, processes)
+        written = [name for name in FILES if (out / name).exists()]
     _report(done.claims, remarks(done), written, out, strict=strict)
 
 
@@ -261,11 +262,12 @@ def arm(
             record=record,
         )  # fmt: skip
     labels = [case.label for case in settings.cases()]
-    with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
-        done = reproduce_two_link_arm(settings, out, processes=processes, listen=progress.listen)
+    with _reserved(out):
+        with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
+            done = reproduce_two_link_arm(settings, out, processes=processes, listen=progress.listen)
+        written = [name for name in FILES if (out / name).exists()]
     if done.comparison:
         print_comparison(done.comparison, done.results.arm)
-    written = [name for name in FILES if (out / name).exists()]
     _report(done.claims, remarks(done), written, out, strict=strict)
 
 
@@ -286,13 +288,24 @@ def _listed(names: str) -> list[str]:
 
 
 @contextmanager
+def _reserved(out: Path) -> Iterator[None]:
+    """The directory for this command alone, one line where it cannot be had."""
+    from .experiments.results_directory import UnusableDirectoryError, reserved
+
+    with ExitStack() as stack:
+        with _clean_errors(UnusableDirectoryError):
+            stack.enter_context(reserved(out))
+        yield
+
+
+@contextmanager
 def _telling_what_is_kept(progress: "TrainingProgress", out: Path, files: Sequence[str]) -> Iterator[None]:
     """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line."""
-    from .experiments.results_directory import UnusableDirectoryError, place_for
+    from .experiments.results_directory import place_for
 
     place = place_for(out, files)
     try:
-        with _clean_errors(UnusableDirectoryError):
+        with _clean_errors():
             try:
                 yield
             except Exception:

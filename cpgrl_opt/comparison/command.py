@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from .._folder_lock import locked_folder
 from ..solvers import SOLVERS
 from .checkpoint import MEASUREMENTS, CellKey
 from .contestants import DEFAULT_SOLVER, installed
@@ -98,11 +99,26 @@ def compare(
 ) -> Comparison:
     """Runs what is not yet in `folder`, and writes measurements.csv, solvers.csv, report.md and report.html there.
 
-    Reported is what the request asks for; measurements.csv keeps whatever else is finished there.
+    Reported is what the request asks for; measurements.csv keeps whatever else is finished there. Raises
+    FolderInUseError where another process writes into the folder.
     """
+    settings, absent = request.settings()
+    with locked_folder(folder):
+        return _compared(request, settings, absent, folder, jobs=jobs, anew=anew, listen=listen)
+
+
+def _compared(
+    request: Request,
+    settings: ComparisonSettings,
+    absent: Mapping[str, str],
+    folder: Path,
+    *,
+    jobs: int,
+    anew: bool,
+    listen: Listen | None,
+) -> Comparison:
     from .report import ReportContext, write_report
 
-    settings, absent = request.settings()
     found = versions(settings.solvers)
     checkpoint = open_checkpoint(settings, folder, found, anew=anew)
     measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)

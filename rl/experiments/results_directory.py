@@ -3,8 +3,10 @@
 import itertools
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+
+from cpgrl_opt._folder_lock import FolderInUseError, locked_folder
 
 from ..interrupts import InterruptsHeld
 
@@ -22,23 +24,35 @@ def results_directory(directory: Path, files: Sequence[str]) -> Iterator[Path]:
 
     If any of them is in the directory already, an earlier run's, `place_for` names the folder. At the context's end
     what is in it takes their place, and those that were not written anew are removed; on an exception both stay as
-    they are. Other files are left alone. Raises UnusableDirectoryError where there can be no directory.
+    they are. Other files are left alone. Meanwhile the directory is this process's alone. Raises
+    UnusableDirectoryError where there can be no directory, FolderInUseError where another process writes into it.
     """
-    place = place_for(directory, files)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UnusableDirectoryError(
-            f"out should be a directory to write into; found {directory} ({error.strerror})"
-        ) from error
-    try:
-        yield place
-    except BaseException:
-        if place != directory and not any(place.iterdir()):
-            place.rmdir()
-        raise
-    if place != directory:
-        _swap_in(place, directory, files)
+    with reserved(directory):
+        place = place_for(directory, files)
+        place.mkdir(exist_ok=True)
+        try:
+            yield place
+        except BaseException:
+            if place != directory and not any(place.iterdir()):
+                place.rmdir()
+            raise
+        if place != directory:
+            _swap_in(place, directory, files)
+
+
+@contextmanager
+def reserved(directory: Path) -> Iterator[None]:
+    """The directory, made if it is not there, for this process alone; see `results_directory` for what is raised."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(locked_folder(directory))
+        except FolderInUseError:
+            raise
+        except OSError as error:
+            raise UnusableDirectoryError(
+                f"out should be a directory to write into; found {directory} ({error.strerror})"
+            ) from error
+        yield
 
 
 def place_for(directory: Path, files: Sequence[str]) -> Path:

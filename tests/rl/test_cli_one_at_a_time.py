@@ -1,0 +1,76 @@
+"""Two commands never write into one folder: the second exits, and says who holds it."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from cpgrl_opt._folder_lock import LOCK, FolderInUseError, locked_folder
+from cpgrl_opt.comparison.command import Request, compare
+from rl.cli import app
+from rl.experiments.results_directory import results_directory
+
+TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
+
+
+def cpgrl(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills a process group")
+def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpgrl, monkeypatch):
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
+    endless = ["--runs", 2, "--episodes", 100_000_000, "--record-every", 10, "--jobs", 1]
+    first = start_cpgrl("reproduce", "three-state", *endless, "--out", tmp_path)
+    until = time.monotonic() + 300
+    while not (tmp_path / "learning.csv").exists() and first.poll() is None and time.monotonic() < until:
+        time.sleep(0.05)
+    for command in (
+        ["reproduce", "three-state", *TINY, "--seed", 1],
+        ["reproduce", "arm", "--runs", 1, "--episodes", 10, "--jobs", 1],
+        ["compare", "--quick", "--solvers", "active-set", "--families", "zero-rows"],
+    ):
+        second = cpgrl(*command, "--out", tmp_path)
+        assert second.exit_code == 2
+        assert second.stderr.startswith(f"cpgrl: {tmp_path} is being written to by 'cli.py reproduce three-state")
+        assert f"process {first.pid} on" in second.stderr
+        assert second.stderr.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", LOCK}
+    os.killpg(first.pid, signal.SIGKILL)
+    first.communicate(timeout=60)
+    again = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
+    assert again.exit_code == 0, again.stderr
+    assert "summary.json" in {path.name for path in tmp_path.iterdir()}
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_the_folder_is_held_until_the_last_file_is_there(tmp_path, monkeypatch):
+    """`--compare` writes after the reproduction is finished."""
+    seen = []
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.cli._compare", lambda *_: seen.append((tmp_path / LOCK).exists()))
+    result = cpgrl("reproduce", "three-state", *TINY, "--compare", "--out", tmp_path)
+    assert result.exit_code == 0, result.stderr
+    assert seen == [True]
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_the_functions_behind_the_commands_refuse_too(tmp_path):
+    refused = []
+
+    def enter():
+        with pytest.raises(FolderInUseError), results_directory(tmp_path, ["learning.csv"]):
+            pass
+        with pytest.raises(FolderInUseError):
+            compare(Request(quick=True, solvers=["active-set"]), tmp_path)
+        refused.append(True)
+
+    with locked_folder(tmp_path):
+        thread = threading.Thread(target=enter)
+        thread.start()
+        thread.join()
+        assert {path.name for path in tmp_path.iterdir()} == {LOCK}
+    assert refused == [True]
