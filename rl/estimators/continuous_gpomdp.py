@@ -32,7 +32,7 @@ class ContinuousGPOMDP:
     ) -> None:
         self.rollout = ContinuousRollout(advance, kernels, policy, settings.steps, streams)
         runs, channels, _ = self.rollout.shape
-        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.average = StoredAverage(settings, runs, channels)
         self.reported = ReportedGradient(
             self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
         )
@@ -44,7 +44,16 @@ class ContinuousGPOMDP:
         """One episode of each run."""
         runs, channels, n = self.rollout.shape
         entered, spans = np.empty((runs, channels)), np.empty((runs, n))
-        own = (self.paper, *self.rates, self.from_start, self.reported.subtracts, self.average.per_step, entered, spans)
+        own = (
+            self.paper,
+            *self.rates,
+            self.from_start,
+            self.reported.subtracts,
+            self.average.per_step,
+            self.average.totals,
+            entered,
+            spans,
+        )
         means, rewards, steps, events = self.rollout.advance(parameters, own)
         updates = steps - self.paper
         gradients = self.reported.convert(means, updates, entered, spans if self.reported.subtracts else None)
@@ -69,7 +78,8 @@ def _meet(paper, decay, score, trace, met):  # type: ignore[no-untyped-def]
 
 @kernel(
     rollout_signature(
-        "boolean, float64, float64, boolean[::1], boolean, float64[:, ::1], float64[:, ::1], float64[:, ::1]"
+        "boolean, float64, float64, boolean[::1], boolean, "
+        "float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1]"
     )
 )
 def advance(  # type: ignore[no-untyped-def]
@@ -89,6 +99,7 @@ def advance(  # type: ignore[no-untyped-def]
     from_start,  # (1 + m,), channels in whose Δ r(x₀, u₀) enters
     spanned,  # whether `spans` is wanted
     averages,  # (B, 1 + m), advanced
+    totals,  # (B,), advanced: the weights in `averages`, whose quotient is ρ
     entered,  # (B, 1 + m), filled: Σ of the rewards in Δ
     spans,  # (B, n), filled: Σ of what they met
     gradients,
@@ -117,6 +128,8 @@ def advance(  # type: ignore[no-untyped-def]
             enters = length > 0 or not paper  # as printed, r(x₀, u₀) enters neither Δ nor ρ
             length += 1
             updates += enters
+            if enters:
+                totals[run] += average_rate * (1.0 - totals[run])
             if spanned and enters:
                 _add(met, 1.0, span)
             for i in range(channels):

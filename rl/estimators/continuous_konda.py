@@ -36,7 +36,7 @@ class ContinuousKonda:
     ) -> None:
         self.rollout = ContinuousRollout(advance, kernels, policy, settings.steps, streams)
         runs, channels, n = self.rollout.shape
-        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.average = StoredAverage(settings, runs, channels)
         as_printed = settings.gradient == "episode mean"
         self.reported = ReportedGradient(self.average.by_episode, settings.average_rate, runs, as_printed=as_printed)
         self.centred = np.where(self.average.by_episode & (not as_printed), 0.0, 1.0)
@@ -53,7 +53,7 @@ class ContinuousKonda:
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
-        own = (*self.rates, self.centred, self.average.per_step, self.exchanged_critics)
+        own = (*self.rates, self.centred, self.average.per_step, self.average.totals, self.exchanged_critics)
         means, rewards, steps, events = self.rollout.advance(parameters, own)
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
             gradients = self.reported.convert(means, steps, rewards)
@@ -84,7 +84,7 @@ def _criticize(surprise, rate, value, overlap, score, following, trace, critic, 
 
 
 @kernel(
-    rollout_signature("float64, float64, float64, float64[::1], float64[:, ::1], float64[:, :, ::1]"),
+    rollout_signature("float64, float64, float64, float64[::1], float64[:, ::1], float64[::1], float64[:, :, ::1]"),
 )
 def advance(  # type: ignore[no-untyped-def]
     reset,
@@ -102,6 +102,7 @@ def advance(  # type: ignore[no-untyped-def]
     critic_rate,
     centred,  # (1 + m,), 1 where the critic subtracts ρ, 0 where a sum over the episode is reported
     averages,  # (B, 1 + m), advanced
+    totals,  # (B,), advanced: the weights in `averages`, whose quotient is ρ
     critics,  # (B, 1 + m, n), advanced, exchanged
     gradients,
     reward_sums,
@@ -135,12 +136,13 @@ def advance(  # type: ignore[no-untyped-def]
             else:
                 following[:] = 0.0
             overlap = _extend(trace_decay, score, following, trace)
+            totals[run] += average_rate * (1.0 - totals[run])
             ends = event != 0 or length == limit
             for i in range(channels):
                 reward_sums[run, i] += reward[i]
                 averages[run, i] += average_rate * (reward[i] - averages[run, i])
                 values[i] = _criticize(
-                    reward[i] - centred[i] * averages[run, i], critic_rate, values[i], overlap, score,
+                    reward[i] - centred[i] * (averages[run, i] / totals[run]), critic_rate, values[i], overlap, score,
                     nothing if ends and centred[i] == 0.0 else following,  # a sum ends here
                     trace, critics[run, i], sums[i],
                 )  # fmt: skip

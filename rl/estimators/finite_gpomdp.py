@@ -23,7 +23,7 @@ from ..policies import SoftmaxTable
 from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
 from .reported_gradient import channels_from_start
-from .stored_average import StoredAverage
+from .stored_average import StoredAverage, sum_of_weights
 
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
@@ -57,11 +57,12 @@ class FiniteGPOMDP:
         self.following = 1.0 if paper else settings.trace_decay  # c
         self.trace_decay, self.average_rate = float(settings.trace_decay), float(settings.average_rate)
         self.random_states = np.array([random_state(stream) for stream in streams])
-        self.average = StoredAverage(settings.average, settings.average_rate, len(streams), channels)
+        self.average = StoredAverage(settings, len(streams), channels)
         # Episodes are equally long: for a report per step the mean over the updates is right, see `ReportedGradient`.
         summed = self.average.by_episode & (settings.gradient == "reported")
         self.divisors = np.where(summed, 1.0, max(self.steps - self.first, 1))
         self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
+        self.gain = sum_of_weights(self.average_rate, self.steps - self.first)
         self.shape = (len(streams), channels, states * actions)
         self.taken, self.events = np.full(len(streams), self.steps), np.zeros(len(streams), dtype=np.int64)
 
@@ -86,6 +87,8 @@ class FiniteGPOMDP:
             gradients,
             rewards,
         )
+        if self.average.corrects:
+            self.average.totals[:] += self.gain * (1.0 - self.average.totals)
         return Estimate(self.average.store(rewards), gradients, self.taken.copy(), rewards, self.events.copy())
 
 

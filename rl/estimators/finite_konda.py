@@ -45,7 +45,7 @@ class FiniteKonda:
         self.steps = int(settings.steps)
         self.rates = (float(settings.trace_decay), float(settings.average_rate), float(settings.critic_rate))
         self.random_states = np.array([random_state(stream) for stream in streams])
-        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.average = StoredAverage(settings, runs, channels)
         summed = self.average.by_episode & (settings.gradient == "reported")
         self.centred = np.where(summed, 0.0, 1.0)
         self.divisors = np.where(summed, 1.0, self.steps)  # episodes are equally long: see `ReportedGradient`
@@ -65,6 +65,7 @@ class FiniteKonda:
             self.divisors,
             self.random_states,
             self.average.per_step,
+            self.average.totals,
             self.critics,
             gradients,
             rewards,
@@ -104,7 +105,8 @@ def _add(change, trace, critic):  # type: ignore[no-untyped-def]
 
 @kernel(
     "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, float64[::1], "
-    "float64[::1], uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])"
+    "float64[::1], uint64[:, ::1], float64[:, ::1], float64[::1], float64[:, :, ::1], float64[:, :, ::1], "
+    "float64[:, ::1])"
 )
 def advance(  # type: ignore[no-untyped-def]
     parameters,  # (B, S·A)
@@ -119,6 +121,7 @@ def advance(  # type: ignore[no-untyped-def]
     divisors,  # (1 + m,), of Δ
     random_states,  # (B, 4), advanced
     averages,  # (B, 1 + m), advanced
+    totals,  # (B,), advanced: the weights in `averages`, whose quotient is ρ
     critics,  # (B, 1 + m, S·A), advanced
     gradients,  # (B, 1 + m, S·A), filled
     reward_sums,  # (B, 1 + m), filled
@@ -139,6 +142,7 @@ def advance(  # type: ignore[no-untyped-def]
             following = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
             word = next_word(random_states[run])
             a = drawn(thresholds[following], np.int64(word >> np.uint64(32)))
+            totals[run] += average_rate * (1.0 - totals[run])
             for i in range(rewards.shape[1]):
                 critic, reward = critics[run, i], rewards[q, i]
                 value = _value(critic[s * actions : (s + 1) * actions], probabilities[s], taken)
@@ -149,7 +153,7 @@ def advance(  # type: ignore[no-untyped-def]
                 later = _value(next_row, probabilities[following], a)
                 if t == steps - 1:
                     later *= centred[i]  # a sum ends here
-                delta = reward - centred[i] * averages[run, i] + later - value
+                delta = reward - centred[i] * (averages[run, i] / totals[run]) + later - value
                 _add(critic_rate * delta, trace, critic)
             s = following
         contract(gathered, probabilities, divisors, gradients[run])

@@ -15,7 +15,7 @@ from ..rollout import episode, require_fitting, reward_channels
 from .compiled_path import continuous_kernels_for, finite_kernel_for
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, channels_from_start, require_gradient
-from .stored_average import StoredAverage, require_averages
+from .stored_average import StoredAverage, require_average_settings
 
 WEIGHTS = ("paper", "usual")
 
@@ -36,7 +36,8 @@ class GPOMDP:
     gradient "episode mean" is eq. 3 as printed, the mean over each episode's own updates whatever `average` says.
 
     trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; steps T: an episode's time limit, unless the environment's
-    own is shorter. average: "step" or "episode", for all channels or for each, see `StoredAverage`.
+    own is shorter. average: "step" or "episode", for all channels or for each, and bias_correction, of an average
+    that starts at 0: see `StoredAverage`.
     Bias, the price of β < 1: ‖limit for T → ∞ − ∇gⁱ‖ / ‖∇gⁱ‖ is at most 0.014, 0.0014, 0.00014 at β = 0.9, 0.99, 0.999
     over the channels of the three-state MDP and 1000 policies θ ~ U[0, 1]⁹; with "usual" 0.064, 0.0065, 0.00065.
     A finite MDP with a `SoftmaxTable` runs compiled, keeping 4 bytes of each step, and so does a
@@ -51,18 +52,17 @@ class GPOMDP:
     steps: int = 100
     average: str | Sequence[str] = "step"
     gradient: str = "reported"
+    bias_correction: bool = True
 
     def __post_init__(self) -> None:
         if not 0 <= self.trace_decay < 1:
             raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
-        if not 0 <= self.average_rate <= 1:
-            raise ValueError(f"average_rate should be in [0, 1]; found {self.average_rate!r}")
         if self.weights not in WEIGHTS:
             raise ValueError(f"weights should be one of {', '.join(WEIGHTS)}; found {self.weights!r}")
         require_count("steps", self.steps)
         if not isinstance(self.average, str):
             object.__setattr__(self, "average", tuple(self.average))
-        require_averages(self.average)
+        require_average_settings(self)
         require_gradient(self.gradient)
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
@@ -95,7 +95,7 @@ class RolloutGPOMDP:
         channels = reward_channels(environment)
         require_fitting(environment, policy)
         runs = len(self.rngs)
-        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.average = StoredAverage(settings, runs, channels)
         self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
         self.reported = ReportedGradient(
             self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
@@ -113,7 +113,7 @@ class RolloutGPOMDP:
 
     def _run(self, run: int, theta: Vector) -> "_PlainEpisode":
         policy = self.policy.with_parameters(theta)
-        course = _PlainEpisode(self.settings, self.from_start, self.average.per_step[run], len(theta))
+        course = _PlainEpisode(self.settings, self.from_start, self.average, run, len(theta))
         for step in episode(self.environment, policy, self.rngs[run], self.settings.steps, run):
             course.advance(step.reward, step.score)
             course.event = step.event
@@ -127,13 +127,13 @@ class _PlainEpisode:
     entered: Σ_t of the rewards in `mean`.
     """
 
-    def __init__(self, settings: GPOMDP, from_start: np.ndarray, average: np.ndarray, n: int) -> None:
+    def __init__(self, settings: GPOMDP, from_start: np.ndarray, stored: StoredAverage, run: int, n: int) -> None:
         self.settings = settings
         self.from_start = from_start
-        self.average = average
+        self.average, self.total = stored.per_step[run], stored.totals[run : run + 1]
         self.trace, self.span = np.zeros(n), np.zeros(n)
-        self.mean, self.first = np.zeros((2, len(average), n))
-        self.rewards, self.entered = np.zeros((2, len(average)))
+        self.mean, self.first = np.zeros((2, len(self.average), n))
+        self.rewards, self.entered = np.zeros((2, len(self.average)))
         self.updates = self.steps = self.event = 0
 
     def advance(self, reward: np.ndarray, score: np.ndarray) -> None:
@@ -144,6 +144,7 @@ class _PlainEpisode:
             met = self.trace + score if paper else beta * self.trace + score
             self.mean += (np.outer(reward, met) - self.mean) / self.updates  # eq. 3
             self.average += self.settings.average_rate * (reward - self.average)  # eq. 4, in place
+            self.total += self.settings.average_rate * (1.0 - self.total)
             self.span += met
             self.entered += reward
         else:

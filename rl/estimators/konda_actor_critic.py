@@ -15,7 +15,7 @@ from ..rollout import Step, act, episode, located, require_fitting, reward_chann
 from .compiled_path import continuous_kernels_for, finite_kernel_for
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, require_gradient
-from .stored_average import StoredAverage, require_averages
+from .stored_average import StoredAverage, require_average_settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,9 @@ class KondaActorCritic:
     three-state MDP the mean of Δ points the same way (cosine > 0.99) but is half as long.
 
     trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: ≥ 0, the paper's is α_r.
-    average: "step" or "episode", for all channels or for each, see `StoredAverage`; steps: an episode's time limit,
-    unless the environment's own is shorter.
+    average: "step" or "episode", for all channels or for each, and bias_correction, of an average that starts at 0: see
+    `StoredAverage`; critics subtract ρ as it is reported. steps: an episode's time limit, unless the environment's own
+    is shorter.
     A finite MDP with a `SoftmaxTable` and a `ContinuousEnvironment` with a `NormalizedGaussianNetwork` run compiled.
     Any other pair takes the generic path: a Gymnasium environment with vector rewards.
     Source: eq. 5 of the paper and the equations after it; Konda & Tsitsiklis (2003).
@@ -63,17 +64,16 @@ class KondaActorCritic:
     average: str | Sequence[str] = "step"
     steps: int = 1000
     gradient: str = "reported"
+    bias_correction: bool = True
 
     def __post_init__(self) -> None:
         if not 0 <= self.trace_decay < 1:
             raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
-        if not 0 <= self.average_rate <= 1:
-            raise ValueError(f"average_rate should be in [0, 1]; found {self.average_rate!r}")
         if not 0 <= self.critic_rate < np.inf:
             raise ValueError(f"critic_rate should be a finite number ≥ 0; found {self.critic_rate!r}")
         if not isinstance(self.average, str):
             object.__setattr__(self, "average", tuple(self.average))
-        require_averages(self.average)
+        require_average_settings(self)
         require_count("steps", self.steps)
         require_gradient(self.gradient)
 
@@ -107,7 +107,7 @@ class RolloutKonda:
         channels = reward_channels(environment)
         require_fitting(environment, policy)
         runs = len(self.rngs)
-        self.average = StoredAverage(settings.average, settings.average_rate, runs, channels)
+        self.average = StoredAverage(settings, runs, channels)
         as_printed = settings.gradient == "episode mean"
         self.reported = ReportedGradient(self.average.by_episode, settings.average_rate, runs, as_printed=as_printed)
         self.centred = np.where(self.average.by_episode & (not as_printed), 0.0, 1.0)
@@ -123,7 +123,7 @@ class RolloutKonda:
 
     def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
         policy, rng = self.policy.with_parameters(theta), self.rngs[run]
-        course = _Course(self.settings, self.centred, self.average.per_step[run], self.critics[run])
+        course = _Course(self.settings, self.centred, self.average, run, self.critics[run])
         last: Step | None = None
         for step in episode(self.environment, policy, rng, self.settings.steps, run):
             if last is not None:
@@ -146,14 +146,14 @@ class _Course:
     """
 
     def __init__(
-        self, settings: KondaActorCritic, centred: np.ndarray, average: np.ndarray, critics: np.ndarray
+        self, settings: KondaActorCritic, centred: np.ndarray, stored: StoredAverage, run: int, critics: np.ndarray
     ) -> None:
         self.settings = settings
         self.centred = centred
-        self.average = average
+        self.average, self.total = stored.per_step[run], stored.totals[run : run + 1]
         self.critics = critics
         self.score = self.trace = np.zeros(critics.shape[1])
-        self.gradients, self.rewards = np.zeros_like(critics), np.zeros_like(average)
+        self.gradients, self.rewards = np.zeros_like(critics), np.zeros_like(self.average)
         self.steps = 0
 
     def advance(self, reward: np.ndarray, following: np.ndarray, *, last: bool = False) -> None:
@@ -164,7 +164,8 @@ class _Course:
         self.gradients += (np.outer(self.critics @ score, score) - self.gradients) / self.steps  # eq. 5
         self.trace = settings.trace_decay * self.trace + score
         self.average += settings.average_rate * (reward - self.average)  # eq. 4
-        delta = reward - self.centred * self.average + self.critics @ (following - score)
+        self.total += settings.average_rate * (1.0 - self.total)
+        delta = reward - self.centred * (self.average / self.total) + self.critics @ (following - score)
         if last:
             delta -= (1.0 - self.centred) * (self.critics @ following)
         self.critics += settings.critic_rate * np.outer(delta, self.trace)

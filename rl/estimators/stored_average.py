@@ -2,11 +2,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 AVERAGES = ("step", "episode")
+
+
+class AverageSettings(Protocol):
+    """What an estimator says about its averages."""
+
+    @property
+    def average(self) -> str | Sequence[str]:
+        """A kind for all channels, or one for each."""
+        ...
+
+    @property
+    def average_rate(self) -> float:
+        """α_r."""
+        ...
+
+    @property
+    def bias_correction(self) -> bool:
+        """Whether an average that starts at 0 is divided by the sum of its weights."""
+        ...
 
 
 class MeanWeight:
@@ -36,40 +56,67 @@ class StoredAverage:
         "step"      ρⁱ ← ρⁱ + α_r (rⁱ_t − ρⁱ)    at every step (eq. 4), in reward per step
         "episode"   ρⁱ ← ρⁱ + α_r (Σ_t rⁱ_t − ρⁱ)    at the end of every episode, in reward per episode
 
+    From 0, eq. 4 alone is Σ_k α_r (1 − α_r)^{t−k} r_k after t numbers: its weights add up to W = 1 − (1 − α_r)ᵗ only,
+    so that 34 episodes of −100 at α_r = 0.02 are taken for −50. With `bias_correction` the report is divided by W and
+    is a mean from the first number on; without, it is eq. 4 as printed.
+
     Our reading: §2.4, on backups of the averages, breaks off in our copy, and "episode" is ours alone. A channel's
     kind decides which average it shows to the learner, and so the unit of its threshold. Eq. 4 is kept for every
-    channel all the same, since each critic subtracts it.
+    channel all the same, since critics subtract it.
 
-    average: a kind for all channels, or one for each. per_step: (B, 1 + m), which the estimator advances in place;
-    per_episode: (B, 1 + m). Both from 0. Raises ValueError for other kinds, or not as many as channels.
+    average: a kind for all channels, or one for each. per_step: (B, 1 + m), eq. 4 as printed, and totals: (B,), its W
+    (1 without correction), which the estimator advances in place, both at the same steps; per_episode: (B, 1 + m), as
+    reported. Raises ValueError for other kinds, or not as many as channels.
     """
 
     rate: float
+    corrects: bool
     by_episode: Bool[np.ndarray, "channels"]
     per_step: Float[np.ndarray, "B channels"]
+    totals: Float[np.ndarray, "B"]
     per_episode: Float[np.ndarray, "B channels"]
     any_by_episode: bool
+    weight: MeanWeight
 
-    def __init__(self, average: str | Sequence[str], rate: float, runs: int, channels: int) -> None:
+    def __init__(self, settings: AverageSettings, runs: int, channels: int) -> None:
+        average = settings.average
         kinds = (average,) * channels if isinstance(average, str) else tuple(average)
         require_averages(kinds)
         if len(kinds) != channels:
             raise ValueError(f"average should be one kind, or {channels}, one for each channel; found {len(kinds)}")
+        corrects = bool(settings.bias_correction)
         for name, value in (
-            ("rate", float(rate)),
+            ("rate", float(settings.average_rate)),
+            ("corrects", corrects),
             ("by_episode", np.array([kind == "episode" for kind in kinds])),
             ("any_by_episode", "episode" in kinds),
             ("per_step", np.zeros((runs, channels))),
+            ("totals", np.full(runs, 0.0 if corrects else 1.0)),
             ("per_episode", np.zeros((runs, channels))),
+            ("weight", MeanWeight(float(settings.average_rate))),
         ):
             object.__setattr__(self, name, value)
 
     def store(self, rewards: Float[np.ndarray, "B channels"]) -> Float[np.ndarray, "B channels"]:
-        """Ends an episode whose rewards summed to `rewards`; what the learner sees of ρ, a fresh array."""
+        """Ends an episode whose rewards summed to `rewards`; what the learner sees of ρ, a fresh array.
+
+        0 where a run has made no step that enters eq. 4.
+        """
+        per_step = self.per_step.copy()
+        if self.corrects:
+            per_step /= np.where(self.totals > 0, self.totals, 1.0)[:, None]
         if not self.any_by_episode:
-            return self.per_step.copy()
-        self.per_episode[...] += self.rate * (rewards - self.per_episode)
-        return np.where(self.by_episode, self.per_episode, self.per_step)
+            return per_step
+        weight = self.weight.next() if self.corrects else self.rate
+        self.per_episode[...] += weight * (rewards - self.per_episode)
+        return np.where(self.by_episode, self.per_episode, per_step)
+
+
+def sum_of_weights(rate: float, count: int) -> float:
+    """1 − (1 − α)ᵏ, to all digits at small α."""
+    if count == 0 or rate == 1:
+        return float(count > 0)
+    return float(-np.expm1(count * np.log1p(-rate)))
 
 
 def require_averages(average: str | Sequence[str]) -> None:
@@ -77,3 +124,18 @@ def require_averages(average: str | Sequence[str]) -> None:
     for kind in (average,) if isinstance(average, str) else average:
         if kind not in AVERAGES:
             raise ValueError(f"average should be one of {', '.join(AVERAGES)}, or one for each channel; found {kind!r}")
+
+
+def require_average_settings(settings: AverageSettings) -> None:
+    """ValueError for a rate, a kind or a correction that is none."""
+    rate = settings.average_rate
+    if not 0 <= rate <= 1:
+        raise ValueError(f"average_rate should be in [0, 1]; found {rate!r}")
+    if not isinstance(settings.bias_correction, (bool, np.bool_)):
+        raise ValueError(f"bias_correction should be True or False; found {settings.bias_correction!r}")
+    if rate == 0 and settings.bias_correction:
+        raise ValueError(
+            "average_rate should be above 0, since ρ would never leave 0; found 0. With bias_correction=False it is "
+            "taken, for a ρ that stays 0"
+        )
+    require_averages(settings.average)

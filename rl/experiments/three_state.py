@@ -42,7 +42,8 @@ class ThreeStateSettings:
     runs, episodes N_K, steps N_T per episode, seed, record_every (episodes between two records): whole numbers.
     record: how many of CPGRL's direction problems to keep, 0 for none.
     solver, formulation: names from SOLVERS and FORMULATIONS, for CPGRL. step_size α₁, restoration_rate αₑ,
-    average_rate α_r, trace_decay β, thresholds G², G³, G⁴ (reward per step). gradient: eq. 3 as printed, see `GPOMDP`.
+    average_rate α_r, trace_decay β, thresholds G², G³, G⁴ (reward per step). gradient: eq. 3 as printed,
+    and bias_correction: eq. 4 as printed, from 0, see `GPOMDP`.
     Raises ValueError for bad numbers and unknown names.
     """
 
@@ -60,6 +61,7 @@ class ThreeStateSettings:
     trace_decay: float = 0.99
     thresholds: tuple[float, ...] = (0.0, 0.0, 0.0)
     gradient: str = "episode mean"
+    bias_correction: bool = False
 
     def __post_init__(self) -> None:
         require_count("runs", self.runs, most=MOST_RUNS)
@@ -82,8 +84,9 @@ class ThreeStateSettings:
     def estimator(self) -> GPOMDP:
         """Eq. 3 and 4."""
         return GPOMDP(
-            trace_decay=self.trace_decay, average_rate=self.average_rate, steps=self.steps, gradient=self.gradient
-        )
+            trace_decay=self.trace_decay, average_rate=self.average_rate, steps=self.steps,
+            gradient=self.gradient, bias_correction=self.bias_correction,
+        )  # fmt: skip
 
     def learner(self, method: str) -> Learner:
         """CPGRL, CONB or SUM by its name in METHODS."""

@@ -71,7 +71,8 @@ class ArmSettings:
     of CONDITIONS, put into their order. step_size α₁, restoration_rate αₑ, average_rate α_r, critic_rate α_w,
     trace_decay β. Safeguards, ours, without which the printed update diverges on the arm: ridge ε in the squared
     unit of a gradient, max_restoration ‖αₑ d‖ in the unit of θ; drop: see `ConstrainedStep`.
-    gradient: eq. 5 and 3 as printed, the mean over each episode's own steps, see `KondaActorCritic`.
+    gradient: eq. 5 and 3 as printed, the mean over each episode's own steps, and bias_correction: eq. 4 as printed,
+    from 0, see `KondaActorCritic`.
     record: how many direction problems of each constrained case to keep, 0 for none.
     Raises ValueError for bad numbers and unknown names.
     """
@@ -94,6 +95,7 @@ class ArmSettings:
     max_restoration: float = 0.1
     drop: str = "never"
     gradient: str = "episode mean"
+    bias_correction: bool = False
     compare: bool = False
     record: int = 0
 
@@ -134,6 +136,7 @@ class ArmSettings:
             "average": CONDITIONS[condition].average,
             "steps": self.steps,
             "gradient": self.gradient,
+            "bias_correction": self.bias_correction,
         }
         if self.estimator == "gpomdp":
             return GPOMDP(**shared)

@@ -120,7 +120,7 @@ def test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws(case: str, 
 def test_the_shortest_episodes_by_hand(steps: int, weights: str) -> None:
     """T = 1 makes no update in the paper's convention, where r(x₀, u₀) does not enter, and one in the usual one."""
     mdp = TabularMDP(np.ones((1, 2, 1)), [[[1.0, 3.0]]])
-    settings = GPOMDP(weights=weights, steps=steps, trace_decay=0.5, average_rate=0.1)
+    settings = GPOMDP(weights=weights, steps=steps, trace_decay=0.5, average_rate=0.1, bias_correction=False)
     theta = np.array([[0.3, -0.2]])
     policy = SoftmaxTable(1, 2, theta[0])
     estimate = settings.start(mdp, policy, episode_streams(1)).episode(theta)
@@ -174,7 +174,7 @@ def assert_mean(samples: np.ndarray, expected: np.ndarray, errors: float, bias: 
 @pytest.mark.parametrize("case", ["three-state", "five states", "six channels"])
 def test_the_mean_of_many_episodes_is_the_exact_expectation_within_six_standard_errors(case: str, weights: str) -> None:
     mdp = ThreeStateMDP() if case == "three-state" else mdp_of(case)
-    settings = GPOMDP(weights=weights)
+    settings = GPOMDP(weights=weights, bias_correction=False)
     policy = SoftmaxTable(mdp.states, mdp.actions, np.random.default_rng(1).random(mdp.states * mdp.actions))
     runs = 8000
     estimate = settings.start(mdp, policy, episode_streams(runs)).episode(np.tile(policy.parameters, (runs, 1)))
@@ -197,7 +197,10 @@ def delayed_rewards(delay: int = 4) -> TabularMDP:
 
 @pytest.mark.parametrize("weights", ["paper", "usual"])
 def test_the_plain_path_has_the_exact_expectation_too_and_forgets_nothing(weights: str) -> None:
-    mdp, settings = delayed_rewards(), GPOMDP(weights=weights, steps=12, trace_decay=0.8, average_rate=0.3)
+    mdp, settings = (
+        delayed_rewards(),
+        GPOMDP(weights=weights, steps=12, trace_decay=0.8, average_rate=0.3, bias_correction=False),
+    )
     policy, runs = SoftmaxTable(9, 2, np.random.default_rng(2).random(18)), 500
     plain = RolloutGPOMDP(settings, TabularEnv(mdp), policy, episode_streams(runs))
     estimate = plain.episode(np.tile(policy.parameters, (runs, 1)))

@@ -75,7 +75,9 @@ class Alternating:
 @pytest.mark.parametrize("end", ["event", "truncated", "limit"])
 def test_two_steps_by_hand(end: str) -> None:
     """ψ = (1, 0), then (0, 2); rewards 3, then 5; β = ½, α_r = 0.1, α_w = 0.01; the second channel is −1 times it."""
-    settings = KondaActorCritic(trace_decay=0.5, average_rate=0.1, critic_rate=0.01, steps=2 if end == "limit" else 9)
+    settings = KondaActorCritic(
+        trace_decay=0.5, average_rate=0.1, critic_rate=0.01, steps=2 if end == "limit" else 9, bias_correction=False
+    )
     rewards = [[3.0, -3.0], [5.0, -5.0]] + [[9.0, 9.0]] * (end == "limit")
     konda = RolloutKonda(settings, Scripted(rewards, end), Alternating([[1, 0], [0, 2]]), episode_streams(1))  # type: ignore[arg-type]
     first = konda.episode(np.zeros((1, 2)))
@@ -268,10 +270,10 @@ def test_an_average_per_episode_is_that_of_the_episodes_sums(estimator: Any, pat
     kinds = ("step", "episode", "step", "episode")
     environment = mdp if path == "compiled" else TabularEnv(mdp)
     parameters, expected = np.tile(table_of(mdp).parameters, (2, 1)), np.zeros((2, 4))
-    mixed = estimator(average=kinds, average_rate=0.3, steps=7)
+    shared = {"average_rate": 0.3, "steps": 7, "bias_correction": False}
     started = [
         settings.start(environment, SoftmaxTable(3, 3), episode_streams(2))
-        for settings in (mixed, estimator(average_rate=0.3, steps=7))
+        for settings in (estimator(average=kinds, **shared), estimator(**shared))
     ]
     for _ in range(5):
         some, none = (estimation.episode(parameters) for estimation in started)

@@ -28,7 +28,13 @@ def records(
 ) -> Any:
     policy = NormalizedGaussianNetwork(*ARM.stops, (5, 8), 2, deviation=deviation)
     learner = CPGRL(ConstrainedStep(**step), thresholds)
-    return train(ARM, policy, KondaActorCritic(average=average, gradient="episode mean"), learner, **settings)
+    return train(
+        ARM,
+        policy,
+        KondaActorCritic(average=average, gradient="episode mean", bias_correction=False),
+        learner,
+        **settings,
+    )
 
 
 @functools.cache

@@ -138,7 +138,7 @@ def test_blocks_count_the_episodes_of_training(tmp_path):
     arm = TwoLinkArm()
     step = ConstrainedStep(solver="rosen", ridge=1e-4, max_restoration=0.1, drop="never")
     policy = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
-    estimator = KondaActorCritic(gradient="episode mean")
+    estimator = KondaActorCritic(gradient="episode mean", bias_correction=False)
     records = list(train(arm, policy, estimator, CPGRL(step, [0, 0]), episodes=25, runs=3))
     written = [row for row in rows(tmp_path) if row["run"] == "2"]
     assert [row["episode"] for row in written] == ["10", "20", "25"]
@@ -201,7 +201,9 @@ def test_without_constraints_training_is_that_of_constraints_never_active():
     arm = TwoLinkArm()
     learner = CPGRL(ConstrainedStep(), [-2, -2])
     network = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
-    *_, last = train(arm, network, KondaActorCritic(gradient="episode mean"), learner, episodes=30, runs=2)
+    *_, last = train(
+        arm, network, KondaActorCritic(gradient="episode mean", bias_correction=False), learner, episodes=30, runs=2
+    )
     np.testing.assert_allclose(outcome.parameters, last.parameters, rtol=1e-12)
 
 
@@ -213,7 +215,7 @@ def test_the_printed_update_diverges_without_the_safeguards_and_says_so(tmp_path
 
 
 def test_estimator_and_average_are_those_of_settings_and_condition():
-    printed: dict[str, Any] = {"gradient": "episode mean"}
+    printed: dict[str, Any] = {"gradient": "episode mean", "bias_correction": False}
     kinds = ("step", "step", "episode")
     assert ArmSettings().gradient_estimator("c") == KondaActorCritic(average=("step",) * 3, **printed)
     assert ArmSettings().gradient_estimator("c-episode") == KondaActorCritic(average=kinds, **printed)
