@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
+
+from cpgrl_opt._process_group import exit_on_termination
 
 from .interrupts import InterruptsHeld
 from .standard_output import NOBODY_READS, WRONG_USE, say, standard_output
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from .experiments.progress import TrainingProgress
     from .experiments.three_state_comparison import ComparisonSettings
 
-FAILED_CLAIM, INTERRUPTED = 1, 130
+FAILED_CLAIM, INTERRUPTED, TERMINATED = 1, 130, (129, 143)
 
 
 class ListedCommands(TyperGroup):
@@ -51,7 +53,7 @@ app.add_typer(reproduce, name="reproduce")
 
 def main() -> None:
     """The entry point of `cpgrl`."""
-    with standard_output():
+    with standard_output(), exit_on_termination():
         try:
             app()
         except KeyboardInterrupt:  # before typer looks for it
@@ -275,12 +277,9 @@ def _compare(settings: "ComparisonSettings", out: Path, processes: int) -> None:
     from .experiments.progress import training_progress
     from .experiments.three_state_reproduction import compare_in
 
-    try:
-        with _clean_errors(), training_progress(["comparison"], settings.updates) as progress:
-            compare_in(out, settings, processes=processes, listen=progress.listen)
-    except KeyboardInterrupt:
-        say(f"Interrupted. {out} holds the reproduction, without the comparison.", err=True)
-        raise typer.Exit(INTERRUPTED) from None
+    answered = _signals_answered(lambda: f"{out} holds the reproduction, without the comparison.")
+    with answered, _clean_errors(), training_progress(["comparison"], settings.updates) as progress:
+        compare_in(out, settings, processes=processes, listen=progress.listen)
 
 
 def _listed(names: str) -> list[str]:
@@ -304,22 +303,31 @@ def _telling_what_is_kept(progress: "TrainingProgress", out: Path, files: Sequen
     from .experiments.results_directory import place_for
 
     place = place_for(out, files)
+    with _signals_answered(lambda: _kept(progress, place, out)), _clean_errors():
+        try:
+            yield
+        except Exception:
+            progress.stop()
+            if progress.recorded:
+                say(_kept(progress, place, out), err=True)
+            raise
+
+
+@contextmanager
+def _signals_answered(tell: Callable[[], str]) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP: one line with what is kept, and 128 + the signal's number to exit with."""
     try:
-        with _clean_errors():
-            try:
-                yield
-            except Exception:
-                progress.stop()
-                if progress.recorded:
-                    say(_kept(progress, place, out), err=True)
-                raise
-    except KeyboardInterrupt:
-        progress.stop()
-        say(f"Interrupted. {_kept(progress, place, out)}", err=True)
-        raise typer.Exit(INTERRUPTED) from None
+        yield
+    except (KeyboardInterrupt, SystemExit) as end:
+        code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
+        if code not in (INTERRUPTED, *TERMINATED):
+            raise
+        say(f"Interrupted. {tell()}", err=True)
+        raise typer.Exit(int(code)) from None
 
 
 def _kept(progress: "TrainingProgress", place: Path, out: Path) -> str:
+    progress.stop()
     reached = [f"{label} to episode {episode}" for label, episode in progress.recorded.items()]
     held = f"{place / 'learning.csv'} holds {', '.join(reached)}." if reached else "No episode was recorded."
     return held if place == out else f"{held} The earlier results in {out} are as they were."

@@ -1,7 +1,11 @@
 """Many runs on many cores: the same results in the same order, whatever the number of processes."""
 
 import itertools
+import os
 from collections.abc import Callable, Sequence
+from functools import cache
+from threading import Thread
+from time import sleep
 from typing import TypeVar
 
 from .policies.interface import require_count
@@ -17,8 +21,9 @@ def map_runs(
 
     task: usually drains `train(..., runs=share)` and returns arrays with a row for each run; since a run does not
     depend on those beside it, joining the results gives the same numbers for any `processes`. With processes = 1 it
-    runs here; otherwise in worker processes (joblib), for which it is pickled; `threads`: in threads instead, which
-    share a core but for what the compiled kernels do. An exception of a task is raised here.
+    runs here; otherwise in worker processes (joblib), for which it is pickled, and which end when this process does,
+    killed or not; `threads`: in threads instead, which share a core but for what the compiled kernels do. An exception
+    of a task is raised here.
     """
     require_count("processes", processes)
     indices = run_indices(runs)
@@ -28,7 +33,30 @@ def map_runs(
     from joblib import Parallel, delayed
 
     workers = Parallel(n_jobs=len(shares), prefer="threads" if threads else "processes")
-    return list(workers(delayed(task)(share) for share in shares))
+    return list(workers(delayed(_run)(task, share, os.getpid()) for share in shares))
+
+
+def _run(task: Callable[[Sequence[int]], T], share: Sequence[int], parent: int) -> T:
+    """task(share), in a process that ends with `parent` if it is its child."""
+    if os.getpid() != parent and os.getppid() == parent:
+        _end_with(parent)
+    return task(share)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Looks every second whether the parent is gone, after which nobody waits for this process.
+
+    joblib's workers do not: one that never ends its task would go on for ever. On Windows a process keeps its parent's
+    number, and there it does.
+    """
+
+    def look() -> None:
+        while os.getppid() == parent:
+            sleep(1.0)
+        os._exit(1)
+
+    Thread(target=look, daemon=True).start()
 
 
 def split(indices: Sequence[int], parts: int) -> list[Sequence[int]]:

@@ -196,13 +196,13 @@ def comparison_progress() -> Iterator[Listen]:
 
 
 def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: Callable[[str], None]) -> None:
-    """`cpgrl compare`: runs, writes, prints the main table; KeyboardInterrupt passes after saying what is kept."""
+    """`cpgrl compare`: runs, writes, prints the main table; Ctrl-C and SIGTERM pass after saying what is kept."""
     from .summary_table import print_summary
 
     try:
         with comparison_progress() as listen:
             done = compare(request, folder, jobs=jobs, anew=anew, listen=listen)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         say(f"Interrupted. {folder / MEASUREMENTS} holds every finished cell; the same command goes on from there.")
         raise
     print_summary(done.cells)

@@ -1,4 +1,7 @@
-"""The parent's side of a worker process: orders go in, measurements come out, whatever happens to the process."""
+"""The parent's side of a worker process: orders go in, measurements come out, whatever happens to the process.
+
+A solver may fork, and its children may hold the pipes of the process: it is always its whole group that ends.
+"""
 
 import contextlib
 import ctypes
@@ -10,6 +13,7 @@ import time
 from time import monotonic
 from typing import Any, Self
 
+from .._process_group import ProcessGroup
 from .judgement import CRASHED, HUNG
 from .measurement import Measurement
 from .worker import TIMING_BUDGET, Order, Refused, Started, c_library, receive, send, unanswered
@@ -34,16 +38,17 @@ class WorkerProcess:
     """One process at a time, started when needed, replaced after a hang or a crash."""
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
+        self._group: ProcessGroup | None = None
         self._lock = threading.Lock()
         self._closed = False
 
     def carry_out(self, order: Order) -> Measurement:
         """The measurement; a hang or a crash of the process is one too. Raises OrderRefused, RuntimeError."""
-        process = self._running()
+        group = self._running()
+        process: Any = group.process
         with contextlib.suppress(BrokenPipeError):
             send(process.stdin, order)
-        with _Watch(process, cpu=_START_LIMIT, wall=_START_LIMIT):
+        with _Watch(group, cpu=_START_LIMIT, wall=_START_LIMIT):
             started = receive(process.stdout)
         if isinstance(started, Refused):
             raise OrderRefused(started.message)
@@ -55,7 +60,7 @@ class WorkerProcess:
                 f"a worker should start on {order.family} for {order.solver}; found it gone "
                 f"(exit code {process.returncode}) before {order.solver} was called"
             )
-        with _Watch(process, cpu=order.limit + _TIMING, wall=_WALL_FACTOR * order.limit + _WALL_ALLOWANCE) as watch:
+        with _Watch(group, cpu=order.limit + _TIMING, wall=_WALL_FACTOR * order.limit + _WALL_ALLOWANCE) as watch:
             measurement = receive(process.stdout)
         if isinstance(measurement, Measurement):
             if watch.acted:  # killed as it answered: the next order needs another process
@@ -70,48 +75,51 @@ class WorkerProcess:
             self._closed = True
         self._discard()
 
-    def _running(self) -> Any:
+    def _running(self) -> ProcessGroup:
         with self._lock:
             if self._closed:
                 raise RuntimeError("the worker was closed")
-            if self._process is None:
+            if self._group is None:
                 environment = os.environ | dict.fromkeys(_ONE_THREAD, "1") | _ANY_TEXT
-                self._process = subprocess.Popen(
+                self._group = ProcessGroup(
                     [sys.executable, "-c", _PROGRAM, *sys.path],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
                     env=environment,
                 )
-            return self._process
+            return self._group
 
     def _discard(self) -> None:
         with self._lock:
-            process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.wait()
-            for stream in (process.stdin, process.stdout):
+            group, self._group = self._group, None
+        if group is not None:
+            group.kill()
+            for stream in (group.process.stdin, group.process.stdout):
                 with contextlib.suppress(OSError):
                     stream.close()  # type: ignore[union-attr]
 
 
 class _Watch(threading.Thread):
-    """Kills a process that has used up its time; what reads from it then reads its end."""
+    """Kills a group whose process has ended or used up its time; what reads from it then reads its end."""
 
-    def __init__(self, process: Any, *, cpu: float, wall: float) -> None:
+    def __init__(self, group: ProcessGroup, *, cpu: float, wall: float) -> None:
         super().__init__(daemon=True)
-        self.process, self.cpu, self.wall = process, cpu, wall
+        self.group, self.cpu, self.wall = group, cpu, wall
         self.acted = False
         self._over = threading.Event()
 
     def run(self) -> None:
         """Looks at both clocks ten times a second."""
-        start, used = monotonic(), cpu_seconds(self.process.pid)
+        process = self.group.process
+        start, used = monotonic(), cpu_seconds(process.pid)
         while not self._over.wait(_LOOK_EVERY):
-            if monotonic() - start > self.wall or cpu_seconds(self.process.pid) - used > self.cpu:
+            if process.poll() is not None:
+                self.group.kill()  # what it forked keeps the pipe open
+                return
+            if monotonic() - start > self.wall or cpu_seconds(process.pid) - used > self.cpu:
                 self.acted = True
-                self.process.kill()
+                self.group.kill()
                 return
 
     def __enter__(self) -> Self:

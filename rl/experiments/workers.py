@@ -1,23 +1,26 @@
 """Training tasks in worker processes that report while they run; the caller alone writes files and draws."""
 
-import multiprocessing
+import contextlib
+import os
 import pickle
+import queue
 import signal
+import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from collections.abc import Callable, Sequence
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
+
+from cpgrl_opt._process_group import ProcessGroup
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Listener = Callable[[Any], None]
 # task(item, report) → result; report(message) reaches the caller's listener, in order
 Task = Callable[[Item, Listener], Result]
+News = tuple["_Worker", str, Any]
+_PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from rl.experiments.workers import serve; serve()"
 
 
 class WorkerDiedError(RuntimeError):
@@ -34,121 +37,124 @@ def run_tasks(
 ) -> list[Result]:
     """[task(item, report) for each item], in the order of the items, on up to `processes` worker processes.
 
-    With one process everything runs here. Workers are spawned, so task, items, messages and results are pickled;
-    an exception of a task is raised here, and no worker outlives the call, whatever ends it. `meanwhile`, preparation
-    for what follows, runs in a thread as soon as a worker, and with it a core, has nothing left to do.
+    With one process everything runs here. Otherwise task, items, messages and results are pickled, and an exception of
+    a task is raised here. No worker outlives the call, whatever ends it, nor this process if it is killed. `meanwhile`,
+    preparation for what follows, runs in a thread as soon as a worker, and with it a core, has nothing left to do.
     """
     if min(processes, len(items)) <= 1:
         return [task(item, listen) for item in items]
     crew: list[_Worker] = []
+    news: queue.SimpleQueue[News] = queue.SimpleQueue()
     try:
         for _ in range(min(processes, len(items))):
-            crew.append(_Worker(task))
-        return _shared_out(crew, items, listen, meanwhile)
+            crew.append(_Worker(task, news))
+        return _shared_out(crew, news, items, listen, meanwhile)
     finally:
         for worker in crew:
             worker.end()
 
 
 def _shared_out(
-    crew: "list[_Worker]", items: Sequence[Any], listen: Listener, meanwhile: Callable[[], object] | None
+    crew: "list[_Worker]",
+    news: "queue.SimpleQueue[News]",
+    items: Sequence[Any],
+    listen: Listener,
+    meanwhile: Callable[[], object] | None,
 ) -> list[Any]:
     results: dict[int, Any] = {}
     waiting = list(enumerate(items))
     for worker in crew:
         worker.assign(*waiting.pop(0))
     while len(results) < len(items):
-        for worker in _with_news(crew):
-            kind, content = worker.receive()
-            if kind == "report":
-                listen(content)
-                continue
-            if kind == "error":
-                raise content
-            results[worker.position] = content
-            if waiting:
-                worker.assign(*waiting.pop(0))
-                continue
-            worker.busy = False
-            if meanwhile is not None:
-                Thread(target=meanwhile, daemon=True).start()
-                meanwhile = None
+        worker, kind, content = news.get()
+        if kind == "report":
+            listen(content)
+            continue
+        if kind == "gone":
+            raise worker.death()
+        if kind == "error":
+            raise content
+        results[worker.position] = content
+        if waiting:
+            worker.assign(*waiting.pop(0))
+        elif meanwhile is not None:
+            Thread(target=meanwhile, daemon=True).start()
+            meanwhile = None
     return [results[position] for position in range(len(items))]
 
 
-def _with_news(crew: "list[_Worker]") -> "list[_Worker]":
-    by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in crew if worker.busy}
-    return [by_connection[ready] for ready in wait(list(by_connection))]
-
-
 class _Worker:
-    """One process with a pipe to it; `position` is the index of the item that it is at."""
+    """One process with pipes to it; `position` is the index of the item that it is at.
 
-    def __init__(self, task: "Task[Any, Any]") -> None:
-        context = multiprocessing.get_context("spawn")  # a fork would copy locks that other threads hold
-        self.connection, far_end = context.Pipe()
-        self.process: BaseProcess = context.Process(target=_serve, args=(task, far_end), daemon=True)
-        with _interrupts_blocked():
-            self.process.start()
-        far_end.close()
-        self.position, self.busy = -1, False
+    What it says goes into `news`: (itself, "report" | "done" | "error" | "gone", content).
+    """
+
+    def __init__(self, task: "Task[Any, Any]", news: "queue.SimpleQueue[News]") -> None:
+        # Its group is not the terminal's: Ctrl-C does not reach it, not even while it is still importing.
+        command = [sys.executable, "-c", _PROGRAM, *sys.path]
+        self.group = ProcessGroup(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.process: Any = self.group.process
+        self.position = -1
+        self.reader = Thread(target=self._read, args=(news,), daemon=True)
+        self.reader.start()
+        self._send(task)
 
     def assign(self, position: int, item: Any) -> None:
-        self.position, self.busy = position, True
-        try:
-            self.connection.send(item)
-        except BrokenPipeError:
-            raise self._death() from None
+        self.position = position
+        self._send(item)
 
-    def receive(self) -> tuple[str, Any]:
-        try:
-            message: tuple[str, Any] = self.connection.recv()
-        except (EOFError, ConnectionResetError):
-            raise self._death() from None
-        return message
-
-    def _death(self) -> WorkerDiedError:
-        self.process.join(1.0)
+    def death(self) -> WorkerDiedError:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(1.0)
         return WorkerDiedError(
-            f"a worker process should answer or raise; it ended with exit code {self.process.exitcode}. "
+            f"a worker process should answer or raise; it ended with exit code {self.process.returncode}. "
             "With --jobs 1 everything runs in one process"
         )
 
     def end(self) -> None:
-        self.process.terminate()
-        self.process.join()
-        self.connection.close()
+        self.group.kill()
+        self.reader.join(1.0)
+        if not self.reader.is_alive():  # else somebody who left the group holds the pipe
+            self.process.stdout.close()
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
 
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Ctrl-C waits till the end here, and for ever in a process started meanwhile: it inherits the mask.
-
-    So a worker that is still importing does not print a traceback. Windows has no such mask.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    resource_tracker.ensure_running()  # at the first start it would unblock the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _serve(task: "Task[Any, Any]", connection: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the caller ends its workers
-    while True:
+    def _send(self, message: object) -> None:
         try:
-            item = connection.recv()
-        except EOFError:
-            return
-        try:
-            answer = ("done", task(item, lambda message: connection.send(("report", message))))
-        except Exception as error:  # handed over, raised there
-            answer = ("error", _portable(error))
-        connection.send(answer)
+            _write(self.process.stdin, message)
+        except OSError:  # a broken pipe
+            raise self.death() from None
+
+    def _read(self, news: "queue.SimpleQueue[News]") -> None:
+        while True:
+            try:
+                kind, content = pickle.load(self.process.stdout)
+            except (EOFError, pickle.UnpicklingError, OSError):
+                return news.put((self, "gone", None))
+            except Exception as error:  # of what it sent: raised in the main thread
+                return news.put((self, "error", error))
+            news.put((self, kind, content))
+
+
+def _write(stream: BinaryIO, message: object) -> None:
+    stream.write(pickle.dumps(message))  # whole, or not at all where it cannot be pickled
+    stream.flush()
+
+
+def serve() -> None:
+    """The main function of a worker: does items of a task until its caller is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller ends its workers
+    incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever a task prints is no message
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        task = pickle.load(incoming)
+        while True:
+            item = pickle.load(incoming)
+            try:
+                answer = ("done", task(item, lambda message: _write(outgoing, ("report", message))))
+            except Exception as error:  # handed over, raised there
+                answer = ("error", _portable(error))
+            _write(outgoing, answer)
 
 
 def _portable(error: Exception) -> Exception:

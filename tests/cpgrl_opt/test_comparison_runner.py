@@ -1,5 +1,6 @@
 """The comparison survives what it compares: every misconduct gets its name, and what was finished stays."""
 
+import os
 import subprocess
 import sys
 import time
@@ -37,12 +38,18 @@ class Printing:
 def fail():
     raise RuntimeError("broken")
 
+def escape():  # leaves somebody behind who holds the pipes
+    if os.fork() == 0:
+        time.sleep(600)
+    os._exit(3)
+
 nothing = lambda: None
 LYING = Solver(nothing)
 DECLINING = Solver(nothing, Status.UNCERTIFIED)
 PESSIMISTIC = Solver(nothing, Status.INFEASIBLE)
 RAISING = Solver(fail)
 EXITING = Solver(lambda: os._exit(3))
+ESCAPING = Solver(escape)
 SLEEPING = Solver(lambda: time.sleep(60))
 SLOW = Solver(lambda: time.sleep(3))
 """
@@ -54,9 +61,14 @@ EXPECTED = {
     "misconduct:PESSIMISTIC": "false-infeasible",
     "misconduct:RAISING": "crash",
     "misconduct:EXITING": "crash",
+    "misconduct:ESCAPING": "crash",
     "misconduct:SLEEPING": "hang",
     "misconduct:Printing": "success",
 }
+
+
+if os.name == "nt":
+    del EXPECTED["misconduct:ESCAPING"]  # Windows has no fork
 
 
 @pytest.fixture

@@ -191,8 +191,9 @@ def test_ctrl_c_while_a_command_imports_is_one_line(monkeypatch):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs, start_cpgrl):
+def test_ctrl_c_and_a_request_to_end_leave_what_was_recorded_and_say_so(tmp_path, jobs, number, start_cpgrl):
     earlier = jobs == "2"
     out, place = tmp_path, tmp_path / "unfinished" if earlier else tmp_path
     if earlier:
@@ -205,9 +206,9 @@ def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs, start_cpgrl
         if path.exists() and path.read_text(encoding="utf-8").count("\n") > 20:
             break
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process of the command
+    os.killpg(process.pid, number)  # as a terminal does, and `timeout`: to the group of the command
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
+    assert process.returncode == 128 + number, errors
     assert "Interrupted" in errors
     assert " to episode " in errors
     assert "Traceback" not in errors

@@ -1,15 +1,15 @@
 """Tasks in worker processes: answers in order, messages heard, failures raised, nobody left behind."""
 
 import importlib
-import multiprocessing
 import operator
 import os
-import signal
+import subprocess
 import sys
 import threading
 
 import pytest
 
+from cpgrl_opt._process_group import ProcessGroup
 from rl.experiments.three_state import Tick
 from rl.experiments.workers import WorkerDiedError, run_tasks
 
@@ -41,22 +41,25 @@ class Fatal:
         return os._exit, (7,)
 
 
-class SignalsBlocked:
-    """Those of the process that unpickles it, where it becomes their set."""
+class Group:
+    """The number of the group of the process that unpickles it."""
 
     def __reduce__(self):
-        return signal.pthread_sigmask, (signal.SIG_BLOCK, ())
+        return os.getpgrp, ()
 
 
 @pytest.fixture(autouse=True)
-def no_process_is_left():
-    """Whatever a test does, its workers end. Other tests' may live: joblib keeps some in reserve."""
-    before = set(multiprocessing.active_children())
+def no_process_is_left(monkeypatch):
+    """Whatever a test does, its workers have ended."""
+    started = []
+
+    def start(*arguments, **settings):
+        started.append(ProcessGroup(*arguments, **settings))
+        return started[-1]
+
+    monkeypatch.setattr("rl.experiments.workers.ProcessGroup", start)
     yield
-    left = set(multiprocessing.active_children()) - before
-    for process in left:
-        process.join(timeout=30)
-    assert not any(process.is_alive() for process in left)
+    assert all(group.process.returncode is not None for group in started)
 
 
 def test_answers_come_in_the_order_of_the_items_and_reports_in_the_order_of_the_task(counted):
@@ -88,11 +91,52 @@ def test_an_interrupt_of_the_listener_ends_the_workers(counted):
         run_tasks(counted, [("endless", None), ("endless too", None)], interrupt, processes=2)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no mask of signals")
-def test_ctrl_c_does_not_reach_a_worker_that_is_still_starting():
-    blocked = run_tasks("{0}".format, [SignalsBlocked(), SignalsBlocked()], print, processes=2)
-    assert all("SIGINT" in names for names in blocked), blocked
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no groups of processes")
+def test_ctrl_c_does_not_reach_a_worker_not_even_one_that_is_still_starting():
+    """A terminal sends it to the group of the command."""
+    groups = run_tasks("{0}".format, [Group(), Group()], print, processes=2)
+    assert len({str(os.getpgrp()), *groups}) == 3
+
+
+ENDLESS = """
+import os, re
+from rl import map_runs
+from rl.experiments.workers import run_tasks
+
+def deaf(item, report):  # forks, reports nothing, and never lets go of Python's lock
+    os.fork()
+    os.write(2, b".")
+    re.match("(a*)*b", "a" * 60)
+
+def endless(share):
+    os.write(2, b".")
+    while True:
+        pass
+
+if __name__ == "__main__":
+    import task_of_a_test
+    CALL
+"""
+CALLS = {
+    "run_tasks(task_of_a_test.deaf, [1, 2], print, processes=2)": 4,
+    "map_runs(task_of_a_test.endless, 2, processes=2)": 2,
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills with SIGKILL")
+@pytest.mark.parametrize("call", CALLS)
+def test_whoever_is_killed_leaves_no_worker_that_goes_on(call, tmp_path):
+    (tmp_path / "task_of_a_test.py").write_text(ENDLESS.replace("CALL", call), encoding="utf-8")
+    command = [sys.executable, "task_of_a_test.py"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, start_new_session=True)
+    assert process.stderr.read(CALLS[call]) == b"." * CALLS[call]
+    process.kill()
+    process.communicate(timeout=120)  # waits until nobody holds the pipe: all are gone
+
+
+def test_what_a_task_prints_is_no_message(capfd):
+    assert run_tasks(print, [1, 2], operator.not_, processes=2) == [None, None]
+    assert "1 " in capfd.readouterr().err
 
 
 def test_preparation_runs_once_beside_the_workers():
