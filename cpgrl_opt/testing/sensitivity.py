@@ -19,12 +19,15 @@ holds however nearly the ball misses the constraints. For κ = 0 there is none, 
 Source: Hoffman 1952, On approximate solutions of systems of linear inequalities; Mangasarian & Shiau 1987.
 """
 
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 
+from ..direction import Status
 from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
+from ..solvers import SOLVERS
 from .law import Answer, NothingClaimed, Outcome, length, whitened
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -66,9 +69,25 @@ def distance_bound(
 
 
 def answers_bound(problem: DirectionProblem, residual: float, *answers: Answer) -> float:
-    """`distance_bound` of answers to one problem; where the ball is slack nothing can be said of them: skipped."""
-    kappa = min(answer.radius_multiplier for answer in answers)
+    """`distance_bound` of answers to one problem; where the ball is slack nothing can be said of them: skipped.
+
+    Whether it is slack is for a certified κ* to say, not for the answers. Theirs enter between κ*/4 and κ* only: where
+    an answer with small residuals has a smaller κ, the ball holds it so weakly that the bound at κ*/4 exceeds the
+    ball's diameter.
+    """
+    kappa = 1.0
+    if problem.radius is not None:
+        certified = _certified_radius_multiplier(problem)
+        told = min(answer.radius_multiplier for answer in answers)
+        kappa = min(max(told, certified / 4), certified) if told > 0 else certified / 4  # told may be NaN
     bound = distance_bound(problem, residual, *(answer.value for answer in answers), radius_multiplier=kappa)
     if not bound < np.inf:
         raise NothingClaimed(Outcome.SKIPPED)
     return bound
+
+
+@lru_cache(maxsize=8)  # by identity: a law asks for each form of a problem once or twice
+def _certified_radius_multiplier(problem: DirectionProblem) -> float:
+    """κ* of a direction that the referee certifies; 0 where there is none."""
+    answer = SOLVERS["active-set"].solve(problem)
+    return answer.radius_multiplier if answer.status == Status.OPTIMAL else 0.0

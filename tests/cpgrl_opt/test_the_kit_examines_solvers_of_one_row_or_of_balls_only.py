@@ -1,6 +1,7 @@
 """Solvers that take one constraint at most, or only trust regions: what they are given, and rejected for."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from cpgrl_opt.testing import (
     LAWS,
     Case,
     LawBroken,
+    Outcome,
+    check_agreement_with_enumeration,
     check_direction_solver,
     check_least_violation,
     hostile_problems,
@@ -225,6 +228,25 @@ def test_a_wrong_trust_region_step_is_rejected_with_a_counterexample_that_cpo_pa
     with pytest.raises(LawBroken):
         scope[name](WrongCPO(mistake))
     scope[name](CPO())
+
+
+@pytest.mark.parametrize("told", [0.0, -1.0, float("nan"), 1e-300, 1e300, None])
+def test_the_reported_multiplier_of_the_ball_decides_neither_what_is_compared_nor_how_exactly(told):
+    """Half the optimum is no optimum, however the ball is said to bind; what is compared is the problem's affair."""
+
+    def solve(problem):
+        answer = ACTIVE_SET.solve(problem)
+        multiplier = {} if told is None else {"radius_multiplier": told}
+        return SimpleNamespace(
+            value=answer.value / 2, multipliers=answer.multipliers, status=answer.status, **multiplier
+        )
+
+    half = SimpleNamespace(solve=solve, supports=BallsOnly().supports, takes_geometry=True)
+    binding = DirectionProblem([3.0, 4.0], [[1.0, 0.0]], 1.0, radius=2.0)
+    with pytest.raises(LawBroken, match="d\\* by enumeration"):
+        check_agreement_with_enumeration(half, binding)
+    slack = DirectionProblem([-3.0, 0.0], [[1.0, 0.0]], radius=2.0)  # d = 0, or any (0, t) in the ball
+    assert check_agreement_with_enumeration(half, slack) == Outcome.SKIPPED
 
 
 def test_the_projection_after_the_step_is_no_trust_region():
