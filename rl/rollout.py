@@ -1,10 +1,9 @@
 """One episode of a policy in a Gymnasium environment with vector rewards."""
 
-import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +13,7 @@ from cpgrl_opt.validation import is_finite
 
 from .channels import event_key, event_of, name_of, reward_channels
 from .policies import Policy
-from .spaces import hand_over, require_fitting
+from .spaces import hand_over, own_copy, require_fitting
 
 __all__ = ["PolicyError", "RolloutError", "Step", "act", "episode", "located", "require_fitting", "reward_channels"]
 
@@ -26,6 +25,10 @@ class RolloutError(ValueError):
         super().__init__(what, environment, step, run)
         self.what, self.environment, self.step, self.run = what, environment, step, run
         self.episode: int | None = None
+
+    def at(self, environment: Any, step: int, run: int | None) -> Self:
+        """The same error, where it happened."""
+        return type(self)(self.what, name_of(environment), step, run)
 
     def __str__(self) -> str:
         numbers = (("step", self.step), ("episode", self.episode), ("run", self.run))
@@ -69,10 +72,12 @@ def episode(
     with located(environment, 0, run):
         observation = _begin(environment, int(rng.integers(2**31)))
     for step in range(limit):
-        with located(environment, step, run):
+        try:
             action, score = act(policy, observation, rng)
             following, reward, terminated, truncated, info = _answer(environment.step(hand_over(action, space)))
             rewards, following = _vector(reward, channels), _own_observation("observation", following)
+        except RolloutError as error:
+            raise error.at(environment, step, run) from error.__cause__
         yield Step(observation, action, rewards, event_of(info, key, terminated=terminated), following, score)
         if terminated or truncated:
             return
@@ -85,13 +90,12 @@ def located(environment: Any, step: int, run: int | None) -> Iterator[None]:
     try:
         yield
     except RolloutError as error:
-        error.step, error.run, error.environment = step, run, name_of(environment)
-        raise
+        raise error.at(environment, step, run) from error.__cause__
 
 
 def act(policy: Policy, observation: Any, rng: np.random.Generator) -> tuple[Any, Vector]:
     """u ~ μ_θ(x, ·) and its ψ, copies; RolloutError unless both are there and finite."""
-    action = copy.deepcopy(policy.sample(observation, rng))
+    action = own_copy(policy.sample(observation, rng))
     if action is None:
         raise RolloutError(f"sample of {type(policy).__name__} should return an action; found None")
     _require_finite("action", action, policy)
@@ -139,7 +143,7 @@ def _answer(answer: Any) -> tuple[Any, Any, bool, bool, Any]:
 
 def _own_observation(name: str, observation: Any) -> Any:
     """A copy, since an environment may hand out its own buffer and go on writing to it."""
-    own = copy.deepcopy(observation)
+    own = own_copy(observation)
     if (flaw := _flaw(own)) is not None:
         raise RolloutError(f"{name} should be finite; found {flaw}")
     return own
@@ -147,10 +151,12 @@ def _own_observation(name: str, observation: Any) -> Any:
 
 def _flaw(value: Any, where: str = "") -> str | None:
     """The first NaN or infinity, and where it stands; None if there is none, or no number."""
+    if type(value) is np.ndarray and value.dtype == np.float64 and is_finite(value):  # the usual case first
+        return None
+    if isinstance(value, (int, np.integer)):
+        return None
     if isinstance(value, (float, np.floating, np.ndarray)):
         array = np.asarray(value)
-        if array.dtype == np.float64 and is_finite(array):  # the usual case, and the faster test
-            return None
         if array.dtype.kind not in "fc" or np.isfinite(array).all():
             return None
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -173,9 +179,7 @@ def _vector(reward: Any, channels: int) -> Float[np.ndarray, "channels"]:
     if vector is None:
         raise RolloutError(f"rewards should be numbers, one for each channel; found {reward!r}")
     if vector.shape != (channels,):
-        found = (
-            "one number; a vector needs a wrapper, as np.array([reward, -cost])" if vector.ndim == 0 else vector.shape
-        )
+        found = vector.shape if vector.ndim else "one number: a wrapper makes a vector of it, np.array([reward, -cost])"
         raise RolloutError(f"rewards should have shape ({channels},), as the environment declares; found {found}")
     if not is_finite(vector):
         channel = int(np.argmin(np.isfinite(vector)))

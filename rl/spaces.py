@@ -13,18 +13,30 @@ P = TypeVar("P")
 _OURS = (SoftmaxTable, LinearSoftmax, LinearGaussian, NormalizedGaussianNetwork)
 
 
+_IMMUTABLE = (int, float, str, bool, type(None))
+
+
+def own_copy(value: Any) -> Any:
+    """A copy of an observation or action of any kind, through dictionaries, tuples and other people's objects."""
+    if type(value) is np.ndarray and not value.dtype.hasobject:
+        return value.copy()
+    return value if isinstance(value, np.generic) or type(value) in _IMMUTABLE else copy.deepcopy(value)
+
+
 def hand_over(action: Any, space: Any) -> Any:
     """The environment's own copy of an action, in the dtype of its space, as `space.sample()` has it.
 
     Numbers are rounded to floats of the space, never clipped; what its dtype cannot hold, 1e300 in float32 or 300 in
     uint8, goes over in the dtype it has. Elements of a Discrete space are as the policy gives them.
     """
+    dtype, shape = getattr(space, "dtype", None), getattr(space, "shape", None)
+    if type(action) is np.ndarray and action.dtype == dtype:
+        return own_copy(action)
     parts = getattr(space, "spaces", None)  # of a Dict or a Tuple
     if isinstance(parts, Mapping) and isinstance(action, Mapping):
         return {name: hand_over(part, parts.get(name)) for name, part in action.items()}
     if isinstance(parts, tuple) and isinstance(action, tuple) and len(parts) == len(action):
         return tuple(hand_over(part, inner) for part, inner in zip(action, parts, strict=True))
-    dtype, shape = getattr(space, "dtype", None), getattr(space, "shape", None)
     if isinstance(dtype, np.dtype) and (dtype.kind == "f" or (dtype.kind in "iu" and shape)):
         given = np.asarray(action)
         if given.dtype.kind in "biu" + dtype.kind:
@@ -32,7 +44,7 @@ def hand_over(action: Any, space: Any) -> Any:
                 own = given.astype(dtype)
             if np.isfinite(own).all() if dtype.kind == "f" else np.array_equal(own, given):
                 return own
-    return copy.deepcopy(action)
+    return own_copy(action)
 
 
 def behaves_as(policy: object, kind: type[P]) -> TypeGuard[P]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Vector
-from cpgrl_opt.validation import is_finite, real_values
+from cpgrl_opt.validation import real_values
 
 Index = int | np.int64
 Features = Callable[[Any], Float[np.ndarray, "k"]]
@@ -74,13 +74,14 @@ def at_parameters(policy: P, parameters: ArrayLike) -> P:
 
 
 def feature_vector(features: Float[np.ndarray, "k"], size: int) -> Float[np.ndarray, "k"]:
-    """φ(x) as it is; ValueError unless it has `size` components, finite real numbers."""
+    """φ(x) as it is; ValueError unless it has `size` components, real numbers. Rollouts see whether they are finite."""
     if np.shape(features) != (size,):
         raise ValueError(f"policy should have features of shape ({size},), as its size; found {np.shape(features)}")
-    numbers = real_values("what the policy's features return", features)
-    if not is_finite(numbers):
-        raise ValueError(f"policy should have finite features of a finite observation; found {numbers}")
-    return features
+    return features if isinstance(features, np.ndarray) and features.dtype == np.float64 else _real(features)
+
+
+def _real(features: Any) -> Float[np.ndarray, "k"]:
+    return real_values("what the policy's features return", features)
 
 
 def require_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
