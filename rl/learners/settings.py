@@ -3,10 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpgrl_opt.validation import real_values
+
 
 def threshold_vector(thresholds: ArrayLike) -> NDArray[np.float64]:
     """A read-only copy of Gⁱ, (m,); ValueError for another shape, NaN, infinities."""
-    vector = np.array(thresholds, dtype=np.float64)
+    vector = real_values("thresholds", thresholds).copy()
     if vector.ndim != 1 or not np.isfinite(vector).all():
         raise ValueError(f"thresholds should be finite numbers, (m,); found {vector.tolist()}")
     vector.flags.writeable = False

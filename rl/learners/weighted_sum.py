@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cpgrl_opt import Linearization
 from cpgrl_opt.step import Observer
-from cpgrl_opt.validation import require_shape
+from cpgrl_opt.validation import real_values, require_shape
 
 from .interface import LearnerUpdate
 from .settings import require_step_size
@@ -27,7 +27,7 @@ class WeightedSum:
     step_size: float
 
     def __init__(self, weights: ArrayLike | None = None, *, step_size: float = 0.02) -> None:
-        vector = None if weights is None else np.array(weights, dtype=np.float64)
+        vector = None if weights is None else real_values("weights", weights).copy()
         if vector is not None and (vector.ndim != 1 or not np.isfinite(vector).all()):
             raise ValueError(f"weights should be finite numbers, (1 + m,); found {vector.tolist()}")
         object.__setattr__(self, "weights", vector)

@@ -86,6 +86,11 @@ def test_settings_that_do_not_fit_are_refused() -> None:
         ConstraintSwitching([0, np.nan, 0])
     with pytest.raises(ValueError, match="thresholds should be finite"):
         CPGRL(ConstrainedStep(), [[0, 0]])
+    for none in (None, ["0", "1", "2"], [None, 0.0, 0.0], [1j, 0, 0]):
+        with pytest.raises(ValueError, match="thresholds should be an array of real numbers"):
+            CPGRL(ConstrainedStep(), none)
+    with pytest.raises(ValueError, match="weights should be an array of real numbers"):
+        WeightedSum(["1", "2"])
     with pytest.raises(ValueError, match="step_size should be"):
         WeightedSum(step_size=-1.0)
     with pytest.raises(ValueError, match="weights should have shape"):

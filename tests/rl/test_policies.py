@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rl import LinearGaussian, LinearSoftmax, SoftmaxTable
+from rl import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, SoftmaxTable
 
 
 def features(observation: np.ndarray) -> np.ndarray:
@@ -16,6 +16,9 @@ THETA = np.random.default_rng(0).normal(size=12)
 TABLE = SoftmaxTable(4, 3, THETA)
 SOFTMAX = LinearSoftmax(features, 4, 3, THETA)
 GAUSSIAN = LinearGaussian(features, 4, 3, deviation=0.7, parameters=THETA)
+
+
+NETWORK = NormalizedGaussianNetwork([0.0, 0.0], [1.0, 1.0], (2, 2), 3, parameters=THETA)
 
 
 def log_probability(policy, observation, action) -> float:
@@ -120,6 +123,40 @@ def test_policies_are_immutable_and_keep_a_copy(policy) -> None:
 def test_parameters_that_do_not_fit_are_refused(policy, parameters) -> None:
     with pytest.raises(ValueError, match="parameters should"):
         policy.with_parameters(parameters)
+
+
+@pytest.mark.parametrize("policy", [TABLE, SOFTMAX, GAUSSIAN, NETWORK])
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        None,
+        [None] * 12,
+        ["1"] * 12,
+        np.ones(12, object),
+        np.ones(12) * 1j,
+        np.ma.masked_all(12),
+        [[0.0], [0.0, 1.0]],
+        1.0,
+    ],
+)
+def test_what_is_no_theta_is_refused(policy, parameters) -> None:
+    """None was taken for zeros, strings for the numbers that they spell, masked entries for what the mask hides."""
+    with pytest.raises(ValueError, match="parameters should"):
+        policy.with_parameters(parameters)
+
+
+def test_a_constructor_without_parameters_has_zeros() -> None:
+    for policy in (SoftmaxTable(4, 3), LinearSoftmax(features, 4, 3), LinearGaussian(features, 4, 3)):
+        np.testing.assert_array_equal(policy.parameters, np.zeros(12))
+
+
+@pytest.mark.parametrize("found", [["1", "2"], [None, 1.0], [1j, 2.0]])
+def test_features_that_are_no_numbers_are_refused(found) -> None:
+    for policy in (LinearSoftmax(lambda _: found, 2, 2), LinearGaussian(lambda _: found, 2, 2)):
+        with pytest.raises(ValueError, match="what the policy's features return should be an array of real numbers"):
+            policy.sample(0, np.random.default_rng(0))
+    for policy in (LinearSoftmax(lambda _: [1, True], 2, 2), LinearGaussian(lambda _: [1, True], 2, 2)):
+        assert policy.score(0, 0).shape == (4,)  # lists, integers and truth values are numbers
 
 
 def test_sizes_and_deviations_that_make_no_sense_are_refused() -> None:

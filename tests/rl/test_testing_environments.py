@@ -1,6 +1,7 @@
 """`check_constrained_env`: right environments pass, each known-bad one is told what should be."""
 
 from dataclasses import replace
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -74,6 +75,47 @@ class OneArray(Plain):
         return (observation, self.kept, *rest)
 
 
+class OneObservation(Plain):
+    """Cells as vectors, all of them in the same buffer, as a simulator hands them out."""
+
+    def __init__(self, form=lambda buffer: buffer, copy=False):
+        super().__init__()
+        space = Box(0, 4, (1,), np.float64)
+        self.buffer, self.form, self.copy = np.zeros(1), form, copy
+        self.observation_space = gymnasium.spaces.Dict(x=space) if isinstance(form(space), dict) else space
+
+    def handed_out(self):
+        self.buffer[0] = self.cell
+        return self.form(self.buffer.copy() if self.copy else self.buffer)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed, options=options)
+        return self.handed_out(), {}
+
+    def step(self, action):
+        _, *rest = super().step(action)
+        return (self.handed_out(), *rest)
+
+
+class FirstObservation(OneObservation):
+    """Only what reset hands out is written to later."""
+
+    def step(self, action):
+        _, *rest = super().step(action)
+        return (self.buffer.copy(), *rest)
+
+
+class Scribbling(Plain):
+    def __init__(self):
+        super().__init__()
+        self.action_space = gymnasium.spaces.MultiBinary(1)
+
+    def step(self, action):
+        answer = super().step(int(action[0]))
+        action[:] = 1 - action
+        return answer
+
+
 class WrongSpace(Plain):
     def __init__(self):
         super().__init__()
@@ -105,11 +147,25 @@ BAD = {
     "unseeded": (Unseeded, r"should be the same after reset\(seed=0\)"),
     "global generator": (FromTheGlobalGenerator, "all randomness should come from self.np_random"),
     "one array": (OneArray, "an array of its own"),
+    "one observation": (OneObservation, "observation of step . should stay as it was, an array of its own"),
+    "one observation in a dictionary": (
+        partial(OneObservation, lambda buffer: {"x": buffer}),
+        "observation of step . should stay as it was, an array of its own",
+    ),
+    "first observation": (FirstObservation, "observation of step 0 should stay as it was, an array of its own"),
+    "action": (Scribbling, r"the action of step . should not be written to; found \[.\], later \[.\]"),
+    "event": (
+        after(lambda *four: (*four[:4], {"cpgrl_event": 0})),
+        r"info\['cpgrl_event'\] at a termination should be an integer ≥ 1, or missing; found 0",
+    ),
     "no reward_space": (without("reward_space"), "reward_space should be a Box"),
     "no action_space": (without("action_space"), "action_space should be a Gymnasium space"),
     "reward_space": (WrongSpace, "reward_space should be a Box of shape"),
     "reward_dim": (TwoDimensions, "reward_dim should be 3, as reward_space has it; found 4"),
 }
+
+
+OTHER_OBSERVATIONS = ("one observation", "one observation in a dictionary", "first observation", "action")
 
 
 def test_a_right_environment_passes_whatever_it_offers():
@@ -125,8 +181,61 @@ def test_the_arm_passes():
 @pytest.mark.parametrize("bad", BAD)
 def test_a_bad_environment_is_told_what_should_be(bad):
     environment, message = BAD[bad]
+    order = None if bad in OTHER_OBSERVATIONS else expected
     with pytest.raises(ContractBroken, match=message):
-        check_constrained_env(environment(), expected_reward=expected)
+        check_constrained_env(environment(), expected_reward=order)
+
+
+def test_copies_of_a_buffer_pass():
+    check_constrained_env(OneObservation(copy=True))
+    check_constrained_env(OneObservation(lambda buffer: {"x": buffer}, copy=True))
+
+
+class CostChannel(gymnasium.Wrapper):
+    """A fourth channel, which only the wrapper declares."""
+
+    def __init__(self, env, size=4):
+        super().__init__(env)
+        self.reward_space = Box(-5.0, 5.0, (size,), dtype=np.float64)
+
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return (observation, np.append(reward, 0.5), *rest)
+
+
+def test_a_wrappers_reward_space_is_the_one_that_counts():
+    check_constrained_env(gymnasium.wrappers.TimeLimit(CostChannel(Plain()), 30))
+    with pytest.raises(ContractBroken, match=r"reward of step 0 should have shape \(3,\); found \(4,\)"):
+        check_constrained_env(CostChannel(Plain(), 3))
+    check_constrained_env(CostChannel(ThreeStateEnv(rewards=np.zeros((3, 3, 3)))))  # its kernels are not the wrapper's
+
+
+def test_kernels_within_a_wrapper_are_compared_with_the_step_that_they_stand_for():
+    class Wrong(ThreeStateEnv):
+        def __init__(self):
+            super().__init__()
+            self.reward_space = Box(-10.0, 10.0, (4,), dtype=np.float64)
+
+        def finite_kernel(self):
+            kernel = super().finite_kernel()
+            return FiniteKernel(kernel.transition_cumulative, -kernel.rewards, kernel.start)
+
+    with pytest.raises(ContractBroken, match=r"the reward in state . for action . should be the kernel's"):
+        check_constrained_env(gymnasium.wrappers.TimeLimit(Wrong(), 50))
+
+
+class OwnStep(ThreeStateEnv):
+    """Rewards of the other sign: nothing for its class's kernel to say."""
+
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return (observation, -reward, *rest)
+
+
+def test_a_step_of_ones_own_is_not_held_to_inherited_kernels():
+    environment = OwnStep()
+    environment.reward_space = Box(-10.0, 10.0, (4,), dtype=np.float64)
+    check_constrained_env(environment)
 
 
 def test_swapped_constraints_are_found_and_named_with_what_channels_should_yield():

@@ -1,5 +1,6 @@
 """Training: records, first parameters, determinism for any batch, thread or process, divergence."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -201,6 +202,65 @@ def test_an_overflowing_update_raises_instead_of_training_on(learner: Any) -> No
 def test_bad_input_is_refused_before_the_first_episode(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         train(*SETTINGS["compiled"], WeightedSum(), **{"episodes": 1, **settings})
+
+
+@pytest.mark.parametrize(
+    ("drawn", "found"),
+    [
+        (None, "None"),
+        ([None] * 9, "object"),
+        (["0.5"] * 9, "dtype <U3"),
+        (np.ones(9, dtype=object), "object"),
+        (np.ones(9) * 1j, "complex"),
+        (np.ones((3, 3)), r"\(3, 3\)"),
+        (0.5, r"\(\)"),
+        (np.full(9, np.nan), "nan"),
+        ([0.0] * 8 + [np.inf], "inf"),
+        ([[0.0], [0.0, 0.0]], "rectangular"),
+        (np.ma.masked_array(np.ones(9), [True] + [False] * 8), "masked"),
+        ({"theta": np.ones(9)}, "object"),
+    ],
+)
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_a_first_theta_that_is_none_is_refused(setting: str, drawn: Any, found: str) -> None:
+    """`initial=lambda rng: None` trained from θ₀ = 0, strings from the numbers that they spell."""
+    environment, policy, estimator = SETTINGS[setting]
+    with pytest.raises(ValueError, match=rf"initial should return θ of shape \(9,\), finite numbers: .*{found}"):
+        train(environment, policy, estimator, WeightedSum(), episodes=1, runs=1, initial=lambda _: drawn)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "the learner's update should return a LearnerUpdate; found None"),
+        (np.zeros((2, 9)), "the learner's update should return a LearnerUpdate; found"),
+        ({"change": None}, "the learner's change should be numbers of shape (2, 9); found object, ()"),
+        ({"change": np.zeros(9)}, "the learner's change should be numbers of shape (2, 9); found float64, (9,)"),
+        ({"change": np.zeros((2, 1))}, "the learner's change should be numbers of shape (2, 9); found float64, (2, 1)"),
+        ({"change": np.full((2, 9), None)}, "the learner's change should be numbers of shape (2, 9); found object"),
+    ],
+)
+def test_a_learner_that_returns_no_change_for_each_run_is_refused(answer: Any, message: str) -> None:
+    """A change of another shape would spread over runs or components without a word."""
+
+    class Returning:
+        def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> Any:  # noqa: ARG002
+            return replace(WeightedSum().update(linearization), **answer) if isinstance(answer, dict) else answer
+
+    with pytest.raises(ValueError, match=re.escape(message)):
+        list(train(*SETTINGS["compiled"], Returning(), episodes=1, runs=2))
+
+
+def test_an_estimator_that_returns_no_estimate_is_refused() -> None:
+    class Silent:
+        def start(self, *_: object) -> "Silent":
+            return self
+
+        def episode(self, _: np.ndarray) -> None:
+            return None
+
+    with pytest.raises(ValueError, match="the estimator's episode should return an Estimate; found None"):
+        list(train(ThreeStateMDP(), SoftmaxTable(3, 3), Silent(), WeightedSum(), episodes=1, runs=1))  # type: ignore[arg-type]
 
 
 def test_importing_rl_is_light() -> None:
