@@ -7,6 +7,14 @@
 
 from .contract import ContractBroken
 from .environments import check_constrained_env
+from .episodes import EpisodicEnv, EpisodicMDP, check_episodic_estimator
 from .estimators import check_gradient_estimator
 
-__all__ = ["ContractBroken", "check_constrained_env", "check_gradient_estimator"]
+__all__ = [
+    "ContractBroken",
+    "EpisodicEnv",
+    "EpisodicMDP",
+    "check_constrained_env",
+    "check_episodic_estimator",
+    "check_gradient_estimator",
+]

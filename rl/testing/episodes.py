@@ -1,0 +1,183 @@
+"""`check_episodic_estimator`: estimates against exact gradients where episodes end at different lengths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from jaxtyping import Bool, Float
+
+from envs import TabularMDP
+
+from ..policies import SoftmaxTable
+from .contract import require
+from .estimators import check_gradients, scaled
+
+_STATES, _ACTIONS = 3, 2
+_QUITS = ((0.6, 0.9), (0.1, 0.3))  # between which an action's chance to end the episode is drawn
+_OFFSETS = (1.0, -1.0, 0.5)  # of the channels' rewards: without them ρ∇E[T] would be a trifle
+_CANDIDATES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodicMDP:
+    """A finite MDP whose episodes end: (s, a) is the last step with probability quits(s, a), and yields r(s, a) too.
+
+    Restarted at `start` where an episode ends, it is a `TabularMDP` that goes on for ever, `restarted`, with one more
+    channel e = quits(s, a). There an episode is a renewal, so that averages per step are
+
+        g_e = 1/E[T],   gⁱ = E[Σ_t rⁱ_t] / E[T]        ⇒    E[Σ_t rⁱ_t] = gⁱ/g_e
+
+    which with their exact gradients gives those of every average that an estimator may report.
+    transitions: (S, A, S), where the episode goes on; quits: (S, A); rewards: (1 + m, S, A).
+    """
+
+    transitions: Float[np.ndarray, "S A S"]
+    quits: Float[np.ndarray, "S A"]
+    rewards: Float[np.ndarray, "channels S A"]
+    start: int = 0
+
+    @property
+    def restarted(self) -> TabularMDP:
+        """The MDP that begins anew where an episode ends; its last channel counts the ends."""
+        goes_on = (1 - self.quits)[:, :, None] * self.transitions
+        goes_on[:, :, self.start] += self.quits
+        return TabularMDP(goes_on, np.concatenate([self.rewards, self.quits[None]]), self.start)
+
+    def averages(
+        self, table: Float[np.ndarray, "S A"], by_episode: Bool[np.ndarray, "channels"], *, first_step: bool = True
+    ) -> tuple[Float[np.ndarray, "channels"], Float[np.ndarray, "channels n"]]:
+        """ρⁱ and ∇ρⁱ with respect to the softmax parameters of π: E[Σ rⁱ] where by_episode, else E[Σ rⁱ]/E[T].
+
+        first_step: whether the first step counts in E[Σ rⁱ]/E[T]; if not, it is E[Σ_{t≥1} rⁱ]/E[T − 1].
+        """
+        restarted = self.restarted
+        g, slopes = restarted.average_rewards(table), restarted.policy_gradients(table)
+        # E[Σ r] of each channel, and of a reward of 1: E[T].
+        sums = np.append(g[:-1], 1.0) / g[-1]
+        gradients = (np.append(slopes[:-1], np.zeros_like(slopes[:1]), axis=0) - sums[:, None, None] * slopes[-1]) / g[
+            -1
+        ]
+        kept, kept_slopes = sums.copy(), gradients.copy()
+        if not first_step:
+            first = np.append(self.rewards[:, self.start], np.ones((1, table.shape[1])), axis=0)
+            expected = first @ table[self.start]
+            kept -= expected
+            kept_slopes[:, self.start] -= table[self.start] * (first - expected[:, None])
+        ratios = kept[:-1] / kept[-1]
+        ratio_slopes = (kept_slopes[:-1] - ratios[:, None, None] * kept_slopes[-1]) / kept[-1]
+        values = np.where(by_episode, sums[:-1], ratios)
+        return values, np.where(by_episode[:, None, None], gradients[:-1], ratio_slopes).reshape(len(values), -1)
+
+
+class EpisodicEnv(gymnasium.Env[np.int64, np.int64]):
+    """An `EpisodicMDP` as a Gymnasium environment: `terminated` after a last step; MO-Gymnasium's `reward_space`."""
+
+    def __init__(self, mdp: EpisodicMDP) -> None:
+        _, states, actions = mdp.rewards.shape
+        self.mdp = mdp
+        self.observation_space, self.action_space = Discrete(states), Discrete(actions)
+        low, high = mdp.rewards.min(axis=(1, 2)), mdp.rewards.max(axis=(1, 2))
+        self.reward_space = Box(low, high, dtype=np.float64)
+        self.reward_channels = len(mdp.rewards)
+        self._beyond = mdp.transitions.cumsum(axis=2)[:, :, :-1]
+        self._state = mdp.start
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.int64, dict[str, Any]]:
+        """The start state."""
+        super().reset(seed=seed, options=options)
+        self._state = self.mdp.start
+        return np.int64(self._state), {}
+
+    def step(self, action: np.int64) -> tuple[np.int64, np.ndarray, bool, bool, dict[str, Any]]:
+        """r(s, a), the next state, and whether the episode is over."""
+        pair = self._state, int(action)
+        ends, draw = self.np_random.random(2)
+        self._state = int((draw >= self._beyond[pair]).sum())
+        return (
+            np.int64(self._state),
+            self.mdp.rewards[(slice(None), *pair)].copy(),
+            ends < self.mdp.quits[pair],
+            False,
+            {},
+        )
+
+
+def check_episodic_estimator(
+    estimator: Any,
+    *,
+    average: str | Sequence[str] = "step",
+    first_step: bool = True,
+    mdps: int = 2,
+    runs: int = 10,
+    episodes: int = 250,
+    warm_up: int = 20,
+    bias: float = 0.1,
+    up_to_scale: bool = False,
+    seed: int = 0,
+    z: float = 5.0,
+) -> None:
+    """ContractBroken where an estimator does not climb the average that it reports, episodes differing in length.
+
+    On `mdps` random MDPs of 3 states, 2 actions and 3 channels, where one action mostly ends the episode and the other
+    mostly does not, as Gymnasium environments, with a random `SoftmaxTable` each (a fixed θ):
+    ‖mean Δⁱ − ∇ρⁱ‖ ≤ bias·‖∇ρⁱ‖ + z·SE and |mean ρⁱ − its exact value| ≤ bias·(sd of rⁱ, times E[T] for a sum) + z·SE
+    for every channel i, over `episodes` episodes of `runs` runs after `warm_up` episodes.
+    average: what the estimator reports, for all channels or for each: "step", E[Σ r]/E[T], or "episode", E[Σ r].
+    first_step: whether the first step counts in the former; it does not in GPOMDP's with the weights "paper".
+    bias, up_to_scale, and where too little was sampled to tell: as in `check_gradient_estimator`.
+    Not seen: errors below the bias allowed; a ρ-term that is wrong by less.
+    """
+    for number in range(mdps):
+        rng = np.random.default_rng([seed, number])
+        policy, theta = SoftmaxTable(_STATES, _ACTIONS), rng.normal(0.0, 0.5, _STATES * _ACTIONS)
+        table = policy.probabilities(theta)
+        mdp = _hasty_or_lasting(rng, table)
+        channels = len(mdp.rewards)
+        kinds = [average] * channels if isinstance(average, str) else list(average)
+        by_episode = np.array([kind == "episode" for kind in kinds])
+        exact, slopes = mdp.averages(table, by_episode, first_step=first_step)
+        streams = np.random.SeedSequence(entropy=seed, spawn_key=(number,)).spawn(runs)
+        estimation = estimator.start(EpisodicEnv(mdp), policy, streams)
+        values, gradients = np.zeros((runs, channels)), np.zeros((runs, channels, theta.size))
+        for episode in range(warm_up + episodes):
+            estimate = estimation.episode(np.tile(theta, (runs, 1)))
+            if episode >= warm_up:
+                values += estimate.values / episodes
+                gradients += estimate.gradients / episodes
+        length = 1 / mdp.restarted.average_rewards(table)[-1]
+        scale = mdp.rewards.std(axis=(1, 2)) * np.where(by_episode, length, 1.0)
+        _check_values(exact, values, bias * scale, kinds, z)
+        check_gradients(slopes, scaled(gradients, slopes) if up_to_scale else gradients, bias, z)
+
+
+def _hasty_or_lasting(rng: np.random.Generator, table: np.ndarray) -> EpisodicMDP:
+    """Action 0 soon ends the episode, action 1 does not. Of _CANDIDATES rewards for a channel the steepest stay."""
+    transitions = rng.dirichlet(np.ones(_STATES), size=(_STATES, _ACTIONS))
+    quits = np.stack([rng.uniform(*bounds, size=_STATES) for bounds in _QUITS], axis=1)
+    count = len(_OFFSETS) * _CANDIDATES
+    by_state, by_pair = rng.standard_normal((count, _STATES, 1)), rng.standard_normal((count, _STATES, _ACTIONS))
+    rewards = np.repeat(_OFFSETS, _CANDIDATES)[:, None, None] + 0.3 * by_state + by_pair
+    drawn, size = EpisodicMDP(transitions, quits, rewards), np.sqrt((rewards**2).mean(axis=(1, 2)))
+    slopes = np.array(
+        [np.linalg.norm(drawn.averages(table, np.full(count, kind))[1], axis=1) / size for kind in (False, True)]
+    )
+    least = (slopes / slopes.mean(axis=1, keepdims=True)).min(axis=0)  # of both averages
+    steepest = np.arange(0, count, _CANDIDATES) + least.reshape(-1, _CANDIDATES).argmax(axis=1)
+    return EpisodicMDP(transitions, quits, rewards[steepest])
+
+
+def _check_values(exact: np.ndarray, values: np.ndarray, off: np.ndarray, kinds: Sequence[str], z: float) -> None:
+    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
+    for channel, found in enumerate(values.mean(axis=0)):
+        allowed = off[channel] + z * error[channel]
+        require(
+            abs(found - exact[channel]) <= allowed,
+            f"ρ of channel {channel} should be the exact average per {kinds[channel]}, {exact[channel]:.4g}, within "
+            f"{allowed:.2g}",
+            f"{found:.4g} ± {error[channel]:.1g} (standard error)",
+        )
