@@ -28,6 +28,20 @@ def recurrent_states(chain: Chain) -> Bool[np.ndarray, "*runs states"]:
     return recurrent
 
 
+def require_one_class(transitions: Bool[np.ndarray, "states actions states"], start: int) -> None:
+    """ValueError where a policy that takes every action can be caught in more than one recurrent class from `start`.
+
+    transitions: whether s′ may follow (s, a). What `start` does not lead to does not matter: those states are taken
+    to lead to it. For all policies that take every action the answer is the same.
+    """
+    moves = np.asarray(transitions.any(axis=1))
+    begun = np.arange(len(moves)) == start
+    reached, found = np.zeros_like(begun), begun
+    while (found > reached).any():
+        reached, found = found, found | moves[found].any(axis=0)
+    recurrent_states(np.where(found[:, None], moves, begun).astype(np.float64))
+
+
 def stationary_distribution(chain: Chain) -> StateDistribution:
     """π with πP = π, Σπ = 1, every entry to high *relative* accuracy.
 

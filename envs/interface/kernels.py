@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64, UInt64
 from numpy.typing import ArrayLike
 
+from ..markov_chain import require_one_class
 from ..validation import finite_array, index_below, positive_integer
 
 RESET_SIGNATURE = "void(float64[::1], uint64[::1], float64[::1])"
@@ -49,6 +50,13 @@ class FiniteKernel:
     def reward_channels(self) -> int:
         """1 + m."""
         return len(self.rewards)
+
+    def require_one_class(self) -> None:
+        """ValueError where a policy that takes every action can be caught in more than one recurrent class.
+
+        Then averages per step depend on where a run was caught. Only classes that `start` leads to count.
+        """
+        require_one_class(np.diff(self.transition_cumulative, axis=2, prepend=0.0) > 0, self.start)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from ..policies import NormalizedGaussianNetwork
 from ..policies.normalized_gaussian_kernels import act, exchange
 from .continuous_rollout import ContinuousRollout, rollout_signature
 from .interface import Estimate
-from .reported_gradient import ReportedGradient, channels_from_start
+from .reported_gradient import ReportedGradient, UpdateWatch, channels_from_start, require_updates
 from .stored_average import StoredAverage
 
 if TYPE_CHECKING:
@@ -36,9 +36,12 @@ class ContinuousGPOMDP:
         self.reported = ReportedGradient(
             self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
         )
+        by_episode = self.average.by_episode
+        require_updates(settings.weights, settings.gradient, by_episode, min(int(settings.steps), kernels.max_steps))
         self.paper = settings.weights == "paper"
         self.rates = (float(settings.trace_decay), float(settings.average_rate))
-        self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
+        self.from_start = channels_from_start(settings.weights, settings.gradient, by_episode)
+        self.watch = None if self.from_start.all() else UpdateWatch()
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""
@@ -56,6 +59,8 @@ class ContinuousGPOMDP:
         )
         means, rewards, steps, events = self.rollout.advance(parameters, own)
         updates = steps - self.paper
+        if self.watch is not None:
+            self.watch.see(updates)
         gradients = self.reported.convert(means, updates, entered, spans if self.reported.subtracts else None)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 

@@ -22,7 +22,7 @@ from ..kernels import kernel
 from ..policies import SoftmaxTable
 from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
-from .reported_gradient import channels_from_start
+from .reported_gradient import channels_from_start, require_updates
 from .stored_average import StoredAverage, sum_of_weights
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ class FiniteGPOMDP:
         self.trace_decay, self.average_rate = float(settings.trace_decay), float(settings.average_rate)
         self.random_states = np.array([random_state(stream) for stream in streams])
         self.average = StoredAverage(settings, len(streams), channels)
+        require_updates(settings.weights, settings.gradient, self.average.by_episode, self.steps)
         # Episodes are equally long: for a report per step the mean over the updates is right, see `ReportedGradient`.
         summed = self.average.by_episode & (settings.gradient == "reported")
         self.divisors = np.where(summed, 1.0, max(self.steps - self.first, 1))

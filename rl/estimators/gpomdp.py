@@ -12,9 +12,9 @@ from cpgrl_opt.arrays import Vector
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
 from ..rollout import episode, require_fitting, reward_channels
-from .compiled_path import continuous_kernels_for, finite_kernel_for
+from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation
-from .reported_gradient import ReportedGradient, channels_from_start, require_gradient
+from .reported_gradient import ReportedGradient, UpdateWatch, channels_from_start, require_gradient, require_updates
 from .stored_average import StoredAverage, require_average_settings
 
 WEIGHTS = ("paper", "usual")
@@ -67,6 +67,7 @@ class GPOMDP:
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
+        require_one_class(environment, policy, self.average)
         mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
         if mdp is not None and isinstance(policy, SoftmaxTable):
             from .finite_gpomdp import FiniteGPOMDP  # numba loads here
@@ -96,7 +97,10 @@ class RolloutGPOMDP:
         require_fitting(environment, policy)
         runs = len(self.rngs)
         self.average = StoredAverage(settings, runs, channels)
-        self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
+        by_episode = self.average.by_episode
+        require_updates(settings.weights, settings.gradient, by_episode, settings.steps)
+        self.from_start = channels_from_start(settings.weights, settings.gradient, by_episode)
+        self.watch = None if self.from_start.all() else UpdateWatch()
         self.reported = ReportedGradient(
             self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
         )
@@ -108,6 +112,8 @@ class RolloutGPOMDP:
             np.array([getattr(each, name) for each in played])
             for name in ("gradients", "updates", "entered", "span", "steps", "rewards", "event")
         )
+        if self.watch is not None:
+            self.watch.see(updates)
         gradients = self.reported.convert(means, updates, entered, spans)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 

@@ -12,7 +12,7 @@ from cpgrl_opt.arrays import Vector
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..policies.interface import require_count
 from ..rollout import Step, act, episode, located, require_fitting, reward_channels
-from .compiled_path import continuous_kernels_for, finite_kernel_for
+from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, require_gradient
 from .stored_average import StoredAverage, require_average_settings
@@ -49,7 +49,7 @@ class KondaActorCritic:
     That holds for small rates. At the paper's, α_r/(1 − β) = 2: ρ follows rewards as fast as z forgets, and on the
     three-state MDP the mean of Δ points the same way (cosine > 0.99) but is half as long.
 
-    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: ≥ 0, the paper's is α_r.
+    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: > 0, the paper's is α_r.
     average: "step" or "episode", for all channels or for each, and bias_correction, of an average that starts at 0: see
     `StoredAverage`; critics subtract ρ as it is reported. steps: an episode's time limit, unless the environment's own
     is shorter.
@@ -69,8 +69,8 @@ class KondaActorCritic:
     def __post_init__(self) -> None:
         if not 0 <= self.trace_decay < 1:
             raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
-        if not 0 <= self.critic_rate < np.inf:
-            raise ValueError(f"critic_rate should be a finite number ≥ 0; found {self.critic_rate!r}")
+        if not 0 < self.critic_rate < np.inf:  # at 0 critics, and Δ, would stay 0
+            raise ValueError(f"critic_rate should be a finite number > 0; found {self.critic_rate!r}")
         if not isinstance(self.average, str):
             object.__setattr__(self, "average", tuple(self.average))
         require_average_settings(self)
@@ -79,6 +79,7 @@ class KondaActorCritic:
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
         """Compiled where environment and policy allow it, generic otherwise."""
+        require_one_class(environment, policy, self.average)
         mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
         if mdp is not None and isinstance(policy, SoftmaxTable):
             from .finite_konda import FiniteKonda  # numba loads here

@@ -1,11 +1,17 @@
 """From an episode's mean of the gradient estimate to the gradient of the ρ that is reported."""
 
+import warnings
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .stored_average import MeanWeight
 
 GRADIENTS = ("reported", "episode mean")
+# Episodes without an update after which learning is taken for impossible. Where a half of them have one step only, so
+# many are all alike with a chance of 1e-6.
+_ENOUGH = 20
+_ADVICE = 'weights="paper" makes T − 1 updates of an episode of T steps, so ρ and Δ would stay 0. Use weights="usual"'
 
 
 class ReportedGradient:
@@ -83,6 +89,38 @@ def channels_from_start(
 ) -> Bool[np.ndarray, "channels"]:
     """In whose Δ r(x₀, u₀) enters: all with the weights "usual", with "paper" those reported per episode."""
     return (weights == "usual") | (by_episode & (gradient == "reported"))
+
+
+class UpdateWatch:
+    """Says so where no run has made an update yet: a warning at once, ValueError after _ENOUGH episodes of all runs.
+
+    A one-step episode among longer ones adds nothing to Δ, which is right.
+    """
+
+    def __init__(self) -> None:
+        self.episodes = 0
+        self.updated = False
+
+    def see(self, updates: Int[np.ndarray, "B"]) -> None:
+        """The numbers of updates of an episode of each run."""
+        if self.updated:
+            return
+        self.updated = bool((updates > 0).any())
+        self.episodes += len(updates)
+        if self.updated:
+            return
+        told = (
+            f"episodes should have more than one step; found one step in each of the first {self.episodes}. {_ADVICE}"
+        )
+        if self.episodes >= _ENOUGH:
+            raise ValueError(told)
+        warnings.warn(told, stacklevel=2)
+
+
+def require_updates(weights: str, gradient: str, by_episode: Bool[np.ndarray, "channels"], steps: int) -> None:
+    """ValueError where episodes of `steps` steps at most never make an update of a channel."""
+    if steps == 1 and not channels_from_start(weights, gradient, by_episode).all():
+        raise ValueError(f"steps should be above 1; found 1. {_ADVICE}")
 
 
 def require_gradient(gradient: str) -> None:

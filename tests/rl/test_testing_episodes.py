@@ -104,7 +104,7 @@ class WithoutLength:
         (GPOMDP(weights="usual", average="step", gradient="episode mean"), {"average": "step"}, r"Δ of channel \d"),
         (KondaActorCritic(average="episode", gradient="episode mean"), SUMS, "Δ of channel 0"),
         (WithoutLength(GPOMDP(weights="usual")), {"average": "step"}, r"Δ of channel \d should be ∇g"),
-        (GPOMDP(weights="usual", average="episode"), {"average": "step", "episodes": 40}, "should be the exact average per step"),
+        (GPOMDP(weights="usual", average="episode"), {"average": "step", "episodes": 40}, "exact average per step"),
         (GPOMDP(), {"average": "step", "episodes": 80}, r"ρ of channel \d|Δ of channel \d"),
     ],
     ids=["own mean, sums", "own mean, ratios", "Konda, own mean", "no ρ-term", "another average", "no first step"],
