@@ -16,8 +16,8 @@ Source: Nocedal & Wright, Theorem 12.1; Moreau 1962; Lawson & Hanson, ch. 23; Bo
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from inspect import signature
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,58 +28,120 @@ from ..direction import Direction, Status
 from ..kkt import farkas_residual, proof_tolerance
 from ..problem import DirectionProblem, lengths, unit_rows
 from ..solvers import SOLVERS
-from ..solvers.interface import DEFAULT_TOLERANCE
+from ..solvers.interface import DEFAULT_TOLERANCE, tolerance_of
+from ._arguments import bound_argument, name_of
 
 
 @dataclass(frozen=True, repr=False)
 class FunctionSolver:
-    """d = function(g, J, b), b left out if the function takes two arguments: then b = 0 only.
+    """d = function(g, J, b), or function(g, J) for b = 0 only.
 
-    g: (n,), ascent gradient; J: (m, n), only the rows that are switched on; b: (m,), J d ≥ b. All are copies. The
-    function returns d, (n,), or None where it has no answer. tolerance: the worst KKT residual that d may have.
-    as_equalities: the function means J d = b. Raises ValueError for a function that takes neither two nor three.
+    What a function takes or promises it may say in attributes of its own, all of them optional:
+
+        half_space.supports = lambda problem: problem.m == 1  # one row is handed over, never none or several
+        half_space.tolerance = 1e-4  # the worst KKT residual that d may have; 1e-6 if it says nothing
+        half_space.finds_infeasible = False  # d proves nothing where no direction meets the constraints
+        half_space.dtype = "float32"  # it is judged on problems whose numbers are all of this type
+
+    Parameters
+    ----------
+    function
+        g: (n,), ascent gradient; J: (m, n), only the rows that are switched on; b: (m,), J d ≥ b. All are copies. b is
+        the argument named b, bound or bounds, else a third one without a default. Returns d, (n,), or None where it
+        has no answer.
+    tolerance
+        In place of the function's own, which it is once constructed, or 1e-6.
+    as_equalities
+        Whether the function means J d = b; the function's own `as_equalities` counts too.
+
+    Raises
+    ------
+    ValueError
+        If it is not clear that the function takes (g, J, b) or (g, J).
     """
 
     function: Callable[..., Any]
-    tolerance: float = DEFAULT_TOLERANCE
+    tolerance: float | None = None
     as_equalities: bool = False
 
     def __post_init__(self) -> None:
         _ = self.takes_bounds
+        if self.tolerance is None:
+            object.__setattr__(self, "tolerance", self._said("tolerance", DEFAULT_TOLERANCE))
+        object.__setattr__(self, "as_equalities", self.as_equalities or self._said("as_equalities", False))
 
     def __repr__(self) -> str:
-        return f"FunctionSolver({getattr(self.function, '__qualname__', type(self.function).__name__)})"
+        return f"FunctionSolver({name_of(self.function)})"
+
+    @cached_property
+    def _bound_argument(self) -> int | str | None:
+        return bound_argument(self.function)
 
     @property
     def takes_bounds(self) -> bool:
         """Whether b is handed over."""
-        if not callable(self.function):
-            raise ValueError(f"function should be callable; found {self.function!r}")
-        for count in (3, 2):
-            if _takes(self.function, count):
-                return count == 3
-        found = f"{self!r} with the arguments {signature(self.function)}"
-        raise ValueError(f"function should take (gradient, jacobian, bound) or (gradient, jacobian); found {found}")
+        return self._bound_argument is not None
+
+    @property
+    def finds_infeasible(self) -> bool:
+        """Whether d is meant to violate least, and so to prove it, where nothing meets the constraints."""
+        return bool(self._said("finds_infeasible", True))
+
+    @property
+    def dtype(self) -> Any:
+        """The precision that the function says it computes in, None if it says nothing."""
+        return self._said("dtype", None)
 
     def supports(self, problem: DirectionProblem) -> bool:
-        """Inequalities only, or equalities only; b = 0 unless the function takes bounds; no metric, no radius."""
+        """Inequalities only, or equalities only; b = 0 unless the function takes bounds; no metric, no radius.
+
+        And what the function's own `supports` takes, which sees the rows that are handed over.
+        """
         if problem.metric is not None or problem.radius is not None:
             return False
         on = problem.bound > -np.inf
-        unshifted = self.takes_bounds or not problem.bound[on].any()
-        return bool(unshifted and (problem.equality[on] == self.as_equalities).all())
+        if not (self.takes_bounds or not problem.bound[on].any()):
+            return False
+        if not (problem.equality[on] == self.as_equalities).all():
+            return False
+        own = self._said("supports", None)
+        handed_over = (problem.gradient, problem.jacobian[on], problem.bound[on], problem.equality[on])
+        return own is None or bool(own(DirectionProblem(*handed_over)))
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The function's direction, claimed to be OPTIMAL, or INFEASIBLE where it proves that itself."""
+        require_finite(problem)
         if not self.supports(problem):
             return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.UNSUPPORTED)
-        require_finite(problem)
-        on = problem.bound > -np.inf
-        parts = [problem.gradient.copy(), problem.jacobian[on], problem.bound[on]]
-        value = self.function(*parts[: 3 if self.takes_bounds else 2])
+        value = self._called(problem)
         if value is None:
             return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR)
-        return claimed_direction(problem, value, self.tolerance)
+        answer = claimed_direction(problem, value, tolerance_of(self))
+        given = np.array(value)
+        return replace(answer, value=given) if given.dtype == np.float32 else answer  # the kit asks which it is
+
+    def _called(self, problem: DirectionProblem) -> Any:
+        on = problem.bound > -np.inf
+        g, J, b = problem.gradient.copy(), problem.jacobian[on], problem.bound[on]
+        try:
+            if self._bound_argument is None:
+                return self.function(g, J)
+            if self._bound_argument == 2:
+                return self.function(g, J, b)
+            return self.function(g, J, **{str(self._bound_argument): b})
+        except Exception as error:
+            error.add_note(
+                f"J has the shape {J.shape}. If the function takes no such problems, let it say so: "
+                f"{name_of(self.function)}.supports = lambda problem: …"
+            )
+            raise
+
+    def _said(self, name: str, otherwise: Any) -> Any:
+        """An attribute of the function, or of what `functools.partial` was made of."""
+        function = self.function
+        while isinstance(function, partial) and not hasattr(function, name):
+            function = function.func
+        return getattr(function, name, otherwise)
 
 
 def claimed_direction(problem: DirectionProblem, value: ArrayLike, tolerance: float) -> Direction:
@@ -145,13 +207,3 @@ def _slack(problem: DirectionProblem, d: Vector) -> Multipliers:
 def _size(problem: DirectionProblem, d: Vector) -> float:
     """σ = max(‖g‖, ‖d‖)."""
     return max(float(lengths(problem.gradient)), float(lengths(d)))
-
-
-def _takes(function: Callable[..., Any], count: int) -> bool:
-    try:
-        signature(function).bind(*range(count))
-    except TypeError:
-        return False
-    except ValueError:  # compiled functions may tell nothing
-        return True
-    return True

@@ -1,5 +1,7 @@
 """A plain function as a solver: multipliers that the referee accepts, proofs of infeasibility, and its limits."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -120,7 +122,98 @@ def test_none_declines_and_a_wrong_shape_is_refused():
         FunctionSolver(too_short).solve(problem)
 
 
-@pytest.mark.parametrize("function", [3, of_one, of_four])
-def test_what_is_no_function_of_two_or_three_is_refused(function):
-    with pytest.raises(ValueError, match="function should"):
+def taking(arguments):
+    """A function of these arguments that returns them by name."""
+    scope = {}
+    exec(f"def f({arguments}):\n    return locals()", scope)
+    return scope["f"]
+
+
+class Bound:
+    solve_for = taking("self, g, J, *, bound")
+    __call__ = taking("self, g, J, right_hand_side")
+
+
+@pytest.mark.parametrize(
+    ("function", "name"),
+    [
+        (taking("g, J, b=None"), "b"),
+        (taking("g, J, right_hand_side, /, iterations=50"), "right_hand_side"),
+        (taking("gradient, jacobian, iterations=50, bounds=None, **options"), "bounds"),
+        (taking("g, J, b, *rest"), "b"),
+        (Bound(), "right_hand_side"),
+        (Bound().solve_for, "bound"),
+        (partial(taking("g, J, c, iterations"), iterations=50), "c"),
+        (partial(taking("first, g, J, b"), 7), "b"),
+    ],
+)
+def test_the_bound_is_what_has_its_name_or_is_third_without_a_default(function, name):
+    g, J, b = np.ones(2), np.eye(2), np.array([5.0, 6.0])
+    solver = FunctionSolver(function)
+    assert solver.takes_bounds
+    given = solver._called(DirectionProblem(g, J, b))
+    np.testing.assert_array_equal(given.pop(name), b)
+    assert given.get("iterations", 50) == 50
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        taking("g, J, iterations=50, *, verbose=False, **options"),
+        taking("g, J=None, iterations=50"),
+        partial(taking("g, J, iterations"), iterations=50),
+        partial(taking("g, J, b, iterations=50"), b=None),  # whoever sets b means it
+    ],
+)
+def test_what_has_a_default_of_its_own_keeps_it(function):
+    """So it did not: b was handed over as the number of iterations."""
+    solver = FunctionSolver(function)
+    assert not solver.takes_bounds
+    assert solver._called(DirectionProblem([1.0, 1.0], np.eye(2)))["iterations"] == 50
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        of_one,
+        of_four,
+        max,  # compiled, and tells nothing
+        partial(taking("g, J, b"), np.ones(2)),
+        *map(taking, ("*arguments", "g, J, *rest", "g, J, *, scale", "g, J, radius", "g, J, iterations, b=None")),
+        *map(taking, ("g, J, b, bound", "J, g, b", "g, b", "g, J, E")),
+    ],
+)
+def test_a_function_whose_arguments_may_mean_something_else_is_refused_with_what_to_write(function):
+    with pytest.raises(ValueError, match=r"function should take \(gradient, jacobian, bound\) .*; found .*Wrap it"):
         FunctionSolver(function)
+
+
+def test_what_cannot_be_called_is_refused():
+    with pytest.raises(ValueError, match="function should be callable; found 3"):
+        FunctionSolver(3)
+
+
+def half_space(g, J, b):
+    (a,), (bound,) = J, b
+    squares = a @ a
+    return g + (max(bound - a @ g, 0.0) / squares if squares else 0.0) * a
+
+
+def test_a_function_says_in_attributes_what_it_takes_and_promises():
+    limited = partial(half_space)
+    limited.supports = lambda problem: problem.m == 1
+    limited.tolerance, limited.finds_infeasible, limited.dtype = 1e-4, False, "float32"
+    for solver in (FunctionSolver(limited), FunctionSolver(partial(limited))):
+        assert (solver.tolerance, solver.finds_infeasible, solver.dtype) == (1e-4, False, "float32")
+        one, two = DirectionProblem([1.0], [[1.0]]), DirectionProblem([1.0], [[1.0], [2.0]])
+        assert solver.supports(one)
+        assert not solver.supports(two)
+        assert solver.supports(DirectionProblem([1.0], [[1.0], [2.0]], [0.0, -np.inf]))  # one row is handed over
+    assert FunctionSolver(limited, tolerance=1e-5).tolerance == 1e-5
+    assert (FunctionSolver(half_space).tolerance, FunctionSolver(half_space).finds_infeasible) == (1e-6, True)
+
+
+def test_a_function_that_fails_is_told_how_to_say_what_it_takes():
+    with pytest.raises(ValueError, match="not enough values") as caught:
+        FunctionSolver(half_space).solve(DirectionProblem([1.0], np.zeros((0, 1))))
+    assert "half_space.supports = lambda problem: …" in caught.value.__notes__[0]
