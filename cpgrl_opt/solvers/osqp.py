@@ -5,6 +5,7 @@ min ½xᵀx − cᵀx   s.t.   l ≤ Ax ≤ u,   u = l on E, u = ∞ on I
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .geometry import takes_geometry
+from .interrupts import run_alone
 from .packages import require_import, require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
@@ -99,7 +101,8 @@ class OSQPSession:
             self._workspace.update_settings(rho=self.settings.rho)
 
     def _run(self, count: int, k: int) -> BackEndAnswer:
-        result = self._workspace.solve(raise_error=False)
+        solve = partial(self._workspace.solve, raise_error=False)
+        result = run_alone(solve, lambda result: is_interrupted(result.info.status_val))
         verdict = verdict_of(result.info.status_val)
         if result.x is None:
             return BackEndAnswer(None, None, int(result.info.iter), verdict)
@@ -120,6 +123,13 @@ def verdict_of(status_value: int) -> Status | None:
         SolverStatus.OSQP_TIME_LIMIT_REACHED: Status.ITERATION_LIMIT,
     }
     return failures.get(SolverStatus(status_value), Status.NUMERICAL_ERROR)
+
+
+def is_interrupted(status_value: int) -> bool:
+    """Whether OSQP stopped at Ctrl-C, which it catches while it runs."""
+    from osqp import SolverStatus
+
+    return bool(status_value == SolverStatus.OSQP_SIGINT)
 
 
 def _workspace(settings: OSQP, A: np.ndarray, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Any:

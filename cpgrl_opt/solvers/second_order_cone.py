@@ -9,7 +9,6 @@ program, minimize ‖Sz‖², looks for the shortest of them.
 Source: Boyd & Vandenberghe, Convex Optimization, §4.4.2; Achiam et al. 2017 (the problem).
 """
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from ..arrays import Bool, Float
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths, unit_rows
+from .cvxpy_call import solve_statement
 
 # κ below this part of ‖g‖/radius: the ball may be slack, and the best directions many.
 _SLACK_BALL = 1e-7
@@ -122,9 +122,7 @@ def _run(program: Any, options: dict[str, Any]) -> Status:
     import cvxpy
 
     try:
-        with warnings.catch_warnings():  # CVXPY warns of inaccurate answers; the referee judges them
-            warnings.simplefilter("ignore")
-            program.solve(solver=cvxpy.CLARABEL, **options)
+        solve_statement(program, options)
     except cvxpy.SolverError:
         return Status.NUMERICAL_ERROR
     return _VERDICTS.get(program.status, Status.UNCERTIFIED)

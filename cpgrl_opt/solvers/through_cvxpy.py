@@ -5,7 +5,6 @@ minimize ½‖x‖² − cᵀx   subject to   A_I x ≥ b_I,   A_E x = b_E      
 and with a metric or a radius the second-order cone program of `second_order_cone`.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -14,6 +13,7 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
+from .cvxpy_call import solve_statement
 from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
 from .packages import require_import, require_package
 from .preparation import require_session_shape, solve_prepared
@@ -132,16 +132,12 @@ class _Parametrised:
             chosen = reduced.equality == is_equality
             A.value, b.value = reduced.rows[chosen], reduced.bound[chosen]
         try:
-            with warnings.catch_warnings():  # CVXPY warns of inaccurate answers; the referee judges them
-                warnings.simplefilter("ignore")
-                self.problem.solve(solver=cvxpy.CLARABEL, **_options(settings))
+            solution = solve_statement(self.problem, _options(settings))
         except cvxpy.SolverError:
             return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
-        return self._answer(reduced)
+        return self._answer(reduced, int(solution.attr.get("num_iters") or 0))
 
-    def _answer(self, reduced: ReducedProblem) -> BackEndAnswer:
-        stats: Any = self.problem.solver_stats
-        iterations = int(stats.num_iters or 0) if stats is not None else 0
+    def _answer(self, reduced: ReducedProblem, iterations: int) -> BackEndAnswer:
         verdict = VERDICTS.get(self.problem.status, Status.UNCERTIFIED)
         if self.x.value is None:
             return BackEndAnswer(None, None, iterations, verdict or Status.NUMERICAL_ERROR)
@@ -157,7 +153,6 @@ def _options(settings: CVXPY) -> dict[str, Any]:
     """CLARABEL's own."""
     accuracy = 1e-2 * settings.tolerance
     return {
-        "warm_start": False,
         "tol_feas": accuracy,
         "tol_gap_abs": accuracy,
         "tol_gap_rel": accuracy,

@@ -3,11 +3,9 @@
 min ½xᵀx − cᵀx   s.t.   −A_I x ≤ −b_I,   A_E x = b_E
 """
 
-import sys
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -17,6 +15,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches, MissingPackageError
+from .library_calls import LIBRARY_CALLS, LibraryCall, LibraryError
 from .packages import has_package, require_import
 from .preparation import solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
@@ -99,6 +98,12 @@ def _scs(tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
         "eps_infeas": 1e-9,
         "max_iters": iterations,
         "time_limit_secs": seconds,
+        # Where τ of its embedding sinks to 0 in a long run, SCS prints "ERROR: could not determine problem status",
+        # and no option forbids it. With one metric throughout and no extrapolation the iteration is nonexpansive and
+        # τ stays; the rows have length 1, for which 10 converges about as fast as the scale that SCS would adapt.
+        "adaptive_scale": False,
+        "acceleration_lookback": 0,
+        "scale": 10.0,
     }
 
 
@@ -180,50 +185,29 @@ class QPSolversBackend(LoopsOverBatches):
         if not (has_package(self.package) and has_package("qpsolvers")):
             raise MissingPackageError(self.name, self.package, BACK_ENDS[self.name].extra)
         require_import(self.name, "qpsolvers")
+        require_import(self.name, self.package)  # qpsolvers takes every ImportError for "not installed"
         return solve_prepared(problem, self._solve_reduced, tolerance=self.tolerance, polish=self.polish)
 
     def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
-        from qpsolvers import ProblemError, SolverError, SolverNotFound, solve_problem
-
         facts = BACK_ENDS[self.name]
         limit = facts.default_iteration_limit if self.iteration_limit is None else self.iteration_limit
         options = {**facts.options(self.tolerance, limit, self.time_limit), **self.options}
+        call: LibraryCall = LIBRARY_CALLS.get(self.name, partial(call_through_qpsolvers, self.name))
         try:
-            with warnings.catch_warnings(), _without_remarks():  # on statuses that are handled here
-                warnings.simplefilter("ignore")
-                program = quadratic_program(reduced, facts.is_sparse)
-                solution = solve_problem(program, self.name, verbose=False, **options)
-        except SolverNotFound:  # it takes every ImportError of the package for "not installed"
-            require_import(self.name, self.package)
-            raise
-        except (ProblemError, SolverError):  # e.g. quadprog on dependent equalities
+            return answer_of(reduced, call(reduced, options))
+        except LibraryError:
             return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
-        return answer_of(reduced, solution)
 
 
-@contextmanager
-def _without_remarks() -> Iterator[None]:
-    """Keeps SCS's "ERROR: could not determine problem status" off stdout: no option of SCS does."""
-    stdout = sys.stdout
-    sys.stdout = _Filter(stdout)
+def call_through_qpsolvers(name: str, reduced: ReducedProblem, options: dict[str, Any]) -> Any:
+    """qpsolvers' Solution, of a back end about which qpsolvers says nothing; LibraryError where it raises its own."""
+    from qpsolvers import ProblemError, SolverError, solve_problem
+
+    program = quadratic_program(reduced, BACK_ENDS[name].is_sparse)
     try:
-        yield
-    finally:
-        sys.stdout = stdout
-
-
-class _Filter:
-    """A text stream that passes everything on but SCS's remarks; what other threads print comes through."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        """The number of characters taken."""
-        return len(text) if text.startswith("ERROR: could not determine") else self._stream.write(text)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+        return solve_problem(program, name, verbose=False, **options)
+    except (ProblemError, SolverError) as error:
+        raise LibraryError(str(error)) from error
 
 
 def quadratic_program(reduced: ReducedProblem, is_sparse: bool) -> Any:
