@@ -4,40 +4,54 @@ import csv
 import io
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from .measurement import AS_BYTES, Measurement, columns, from_row, to_row, write_measurements
 from .whole_file import whole_file
 
-MEASUREMENTS, SETTINGS = "measurements.csv", "settings.json"
+MEASUREMENTS, SETTINGS, KEYS = "measurements.csv", "settings.json", "keys.csv"
 
 _TIME = "wall_seconds"  # beside the settings, and no setting
 
 CellKey = tuple[str, str, str]  # solver, variant, family
+_KEY_COLUMNS = ("solver", "variant", "family", "key")
 
 
 class Checkpoint:
     """The folder of a comparison: settings.json, and measurements.csv, to which finished cells are added.
 
-    Cells that are not asked for this time stay in the file: `kept`, after `finished`.
+    keys.csv says what each cell was measured on, in a word; a cell whose word has changed counts as unfinished. Cells
+    that are not asked for this time stay in the file. After `finished`: `kept`, these; `stale`, those that changed.
     """
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], *, anew: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        settings: Mapping[str, Any],
+        *,
+        anew: bool = False,
+        free: Callable[[str, str], bool] = lambda *_: False,
+    ) -> None:
         """Opens the folder, making it where it is missing. anew: forgets what is there.
 
         ValueError with advice where the folder holds measurements made with other settings. Of a setting that is a
-        mapping only the names that both have are compared: what other solvers stand on does not matter here.
+        mapping only the names that both have are compared: what other solvers stand on does not matter here. free(the
+        setting, the name): whether the name's value may change, which `changed` tells then.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / MEASUREMENTS
-        self._settings = folder / SETTINGS
+        self._settings, self._keys = folder / SETTINGS, folder / KEYS
         self.wall_seconds = 0.0
         self.kept: dict[CellKey, list[Measurement]] = {}
+        self.stale: list[CellKey] = []
+        self.changed: set[str] = set()
+        self._free = free
         self._facts = dict(settings)
         if anew or not self.path.exists():
             self.path.unlink(missing_ok=True)
+            self._keys.unlink(missing_ok=True)
         else:
             self._agree_with_folder()
         self.add_time(0.0)
@@ -49,33 +63,47 @@ class Checkpoint:
         with whole_file(self._settings) as beside:
             beside.write_text(text + "\n", encoding="utf-8", errors=AS_BYTES)
 
-    def finished(self, problems: Mapping[CellKey, int]) -> dict[CellKey, list[Measurement]]:
-        """The cells asked for that are there whole; the rest of them leaves the file.
+    def finished(
+        self,
+        problems: Mapping[CellKey, int],
+        keys: Mapping[CellKey, str] | None = None,
+        trusted: Callable[[CellKey], bool] = lambda _: True,
+    ) -> dict[CellKey, list[Measurement]]:
+        """The cells asked for that are there whole and were measured on what is there now; their other rows go.
 
-        problems: how many each cell that is asked for should have.
+        problems: how many each cell that is asked for should have. keys: what each would be measured on now. trusted:
+        whether a cell may stay of which nobody has written what it was measured on, as in folders older than keys.csv.
         """
         found: dict[CellKey, list[Measurement]] = {}
         for each in self._readable():
             found.setdefault((each.solver, each.variant, each.family), []).append(each)
+        written = self._written_keys()
         self.kept = {key: rows for key, rows in found.items() if key not in problems}
+        asked = {key: rows for key, rows in found.items() if key in problems}
+        self.stale = [key for key in asked if keys is not None and not _agree(written, keys, key, trusted)]
         whole = {
-            key: rows for key, rows in found.items() if key in problems and _numbers(rows) == [*range(problems[key])]
+            key: rows
+            for key, rows in asked.items()
+            if key not in self.stale and _numbers(rows) == [*range(problems[key])]
         }
         self.rewrite([each for rows in whole.values() for each in rows])
+        self._write_keys({key: word for key, word in written.items() if key in whole or key in self.kept})
         return whole
 
     def rewrite(self, measurements: Iterable[Measurement]) -> None:
         """The file anew: these rows, then those of the cells that are not asked for."""
         write_measurements(self.path, [*measurements, *(each for rows in self.kept.values() for each in rows)])
 
-    def append(self, measurements: Sequence[Measurement]) -> None:
-        """The rows of a finished cell, in one write, on the disk when this returns."""
+    def append(self, measurements: Sequence[Measurement], key: str | None = None) -> None:
+        """The rows of a finished cell, in one write, on the disk when this returns. key: what it was measured on."""
         text = io.StringIO(newline="")
         csv.DictWriter(text, columns(Measurement), lineterminator="\n").writerows(map(to_row, measurements))
-        with self.path.open("a", encoding="utf-8", errors=AS_BYTES, newline="") as file:
-            file.write(text.getvalue())
-            file.flush()
-            os.fsync(file.fileno())
+        if key is not None:  # first: a key without rows does no harm, rows without a key might be trusted
+            first = measurements[0]
+            word = io.StringIO(newline="")
+            csv.writer(word, lineterminator="\n").writerow((first.solver, first.variant, first.family, key))
+            _append(self._keys, word.getvalue())
+        _append(self.path, text.getvalue())
 
     def _agree_with_folder(self) -> None:
         try:
@@ -87,7 +115,10 @@ class Checkpoint:
             then = before.get(name, {} if isinstance(now, Mapping) else None)
             if isinstance(now, Mapping) and isinstance(then, Mapping):
                 for key in (key for key in now if key in then):
-                    self._require_agreement(f"{name}: {key}", then[key], now[key])
+                    if not self._free(name, key):
+                        self._require_agreement(f"{name}: {key}", then[key], now[key])
+                    elif then[key] != now[key]:
+                        self.changed.add(key)
                 self._facts[name] = {**then, **now}
             else:
                 self._require_agreement(name, then, now)
@@ -98,6 +129,21 @@ class Checkpoint:
                 f"{self.path.parent} holds measurements made with {name} = {_told(then)}, and {name} is now "
                 f"{_told(now)}; take the same settings to continue, another --out, or --anew to start over"
             )
+
+    def _written_keys(self) -> dict[CellKey, str]:
+        if not self._keys.exists():
+            return {}
+        text = self._keys.read_text(encoding="utf-8", errors=AS_BYTES)
+        rows = [row for row in csv.reader(io.StringIO(text)) if len(row) == len(_KEY_COLUMNS)]
+        return {(solver, variant, family): word for solver, variant, family, word in rows[1:]}
+
+    def _write_keys(self, keys: Mapping[CellKey, str]) -> None:
+        with (
+            whole_file(self._keys) as beside,
+            beside.open("w", encoding="utf-8", errors=AS_BYTES, newline="") as file,
+        ):
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerows([_KEY_COLUMNS, *((*key, word) for key, word in keys.items())])
 
     def _readable(self) -> list[Measurement]:
         """All rows but one that was cut short: a crash in the midst of writing loses that cell only."""
@@ -111,6 +157,19 @@ class Checkpoint:
             except ValueError:
                 continue  # the cell counts as unfinished
         return readable
+
+
+def _agree(
+    written: Mapping[CellKey, str], keys: Mapping[CellKey, str], key: CellKey, trusted: Callable[[CellKey], bool]
+) -> bool:
+    return written[key] == keys[key] if key in written else trusted(key)
+
+
+def _append(path: Path, text: str) -> None:
+    with path.open("a", encoding="utf-8", errors=AS_BYTES, newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _numbers(rows: Collection[Measurement]) -> list[int]:

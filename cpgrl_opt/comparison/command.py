@@ -15,7 +15,7 @@ from .contestants import DEFAULT_SOLVER, installed
 from .families import FAMILIES
 from .measurement import Cell, Measurement, cells_of, write_cells
 from .named_families import families_asked, family_named
-from .runner import ComparisonSettings, Listen, open_checkpoint, run_comparison
+from .runner import COMMON_PACKAGES, ComparisonSettings, Listen, open_checkpoint, run_comparison
 
 CELLS, REPORTS = "solvers.csv", ("report.md", "report.html")
 PROBLEMS = 20
@@ -36,7 +36,6 @@ QUICK_FAMILIES = (
     "infeasible",
     "weakly-infeasible-1e-6",
 )
-_PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "qpsolvers")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +83,8 @@ class Request:
 class Comparison:
     """What came of it: measurements, their cells, {solver that could not be compared: why}, the files written.
 
-    kept: cells in measurements.csv that were not asked for this time, and are not reported.
+    kept: cells in measurements.csv that were not asked for this time, and are not reported; renewed: cells that were
+    there and are measured anew, what they were measured on having changed.
     """
 
     measurements: Sequence[Measurement]
@@ -92,6 +92,7 @@ class Comparison:
     absent: Mapping[str, str]
     files: Sequence[Path]
     kept: int = 0
+    renewed: Sequence[CellKey] = ()
 
 
 def compare(
@@ -137,13 +138,13 @@ def _compared(
     )
     reports = write_report(cells, measurements, context, folder)
     files = checkpoint.path, folder / CELLS, *reports
-    return Comparison(measurements, cells, absent, files, len(checkpoint.kept))
+    return Comparison(measurements, cells, absent, files, len(checkpoint.kept), checkpoint.stale)
 
 
 def versions(solvers: Sequence[str]) -> dict[str, str]:
     """Versions of Python, of what everything uses, and of what these solvers stand on."""
     found = {"python": platform.python_version()}
-    for package in dict.fromkeys((*_PACKAGES, *map(_package, solvers))):
+    for package in dict.fromkeys((*COMMON_PACKAGES[1:], *map(_package, solvers))):
         try:
             found[package] = version(package)
         except PackageNotFoundError:  # a bare checkout, or someone's own module
@@ -209,5 +210,12 @@ def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: C
     for name, why in done.absent.items():
         say(f"{name} is {why}, so that it is not compared; see `cpgrl solvers`.")
     say(f"Wrote {', '.join(path.name for path in done.files)} into {folder}")
+    if done.renewed:
+        say(f"Measured anew, since what they were measured on has changed: {_cells_told(done.renewed)}.")
     if done.kept:
         say(f"{MEASUREMENTS} keeps what was finished before and not asked for now, unreported: cells: {done.kept}.")
+
+
+def _cells_told(cells: Sequence[CellKey]) -> str:
+    solvers = ", ".join(dict.fromkeys(solver for solver, _, _ in cells))
+    return f"{len(cells)} cell{'s' if len(cells) > 1 else ''} of {solvers}"

@@ -148,7 +148,12 @@ def shipped_recording(name: str) -> Recording:
     """
     if name not in SHIPPED:
         raise ValueError(f"a shipped recording should be one of {', '.join(SHIPPED)}; found {name!r}")
-    return load_recording(Path(__file__).with_name("recorded") / f"{name}.npz")
+    return load_recording(shipped_path(name))
+
+
+def shipped_path(name: str) -> Path:
+    """The file of a shipped recording."""
+    return Path(__file__).with_name("recorded") / f"{name}.npz"
 
 
 def shipped_problem(rng: np.random.Generator, name: str, *, equality: bool) -> DirectionProblem:

@@ -2,11 +2,13 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
+from ..solvers import SOLVERS
+from .cell_keys import cell_keys
 from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
 from .families import FAMILIES
@@ -15,6 +17,7 @@ from .named_families import digests, family_named
 from .processes import WorkerProcess
 from .worker import Order
 
+COMMON_PACKAGES = ("python", "cpgrl-opt", "numpy", "scipy", "numba", "qpsolvers")  # all cells stand on these
 _LARGE_SHARE = 5  # of a family of large problems, one problem in five
 
 Listen = Callable[[CellKey, int, int], None]  # (a cell that is finished, how many are, how many there are)
@@ -94,14 +97,15 @@ def run_comparison(
     if jobs < 1:
         raise ValueError(f"jobs should be an integer ≥ 1; found {jobs}")
     cells = settings.cells()
-    done = checkpoint.finished(cells)
+    keys = cell_keys(cells)
+    done = checkpoint.finished(cells, keys, lambda cell: _is_trusted(cell, checkpoint.changed))
     remaining = [cell for cell in cells if cell not in done]
     start = monotonic()
     try:
         for measurements in _measured(settings, remaining, jobs):
             first = measurements[0]
             cell = (first.solver, first.variant, first.family)
-            checkpoint.append(measurements)
+            checkpoint.append(measurements, keys[cell])
             done[cell] = measurements
             if listen is not None:
                 listen(cell, len(done), len(cells))
@@ -114,9 +118,23 @@ def run_comparison(
 
 
 def open_checkpoint(settings: ComparisonSettings, folder: Path, versions: object, *, anew: bool = False) -> Checkpoint:
-    """The folder's checkpoint; see `Checkpoint` for when it is refused."""
+    """The folder's checkpoint; see `Checkpoint` for when it is refused.
+
+    What only some cells were measured on may change: these are measured anew.
+    """
     facts = {name: getattr(settings, name) for name in ("problems", "seed", "repeats", "limit")}
-    return Checkpoint(folder, {**facts, "versions": versions, "recordings": digests(settings.families)}, anew=anew)
+    facts |= {"versions": versions, "recordings": digests(settings.families)}
+    return Checkpoint(folder, facts, anew=anew, free=_belongs_to_some_cells)
+
+
+def _belongs_to_some_cells(setting: str, name: str) -> bool:
+    return setting == "recordings" or (setting == "versions" and name not in COMMON_PACKAGES)
+
+
+def _is_trusted(cell: CellKey, changed: Collection[str]) -> bool:
+    """Of a cell without a key: our own solvers, where neither the version of the package nor the recording changed."""
+    solver, _, family = cell
+    return solver in SOLVERS and family not in changed and getattr(SOLVERS[solver], "package", None) not in changed
 
 
 def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterable[list[Measurement]]:

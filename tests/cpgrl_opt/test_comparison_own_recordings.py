@@ -43,9 +43,19 @@ def test_a_recording_is_compared_beside_named_families_and_resumed(
     monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
     assert compare(MIXED, Path("out")).measurements == done.measurements
     assert compare(replace(MIXED, families=["./own.npz"]), Path("out")).kept == 1
-    own.chosen(slice(0, 2)).save(Path("own.npz"))
-    with pytest.raises(ValueError, match=r"out holds measurements made with recordings: own\.npz = "):
-        compare(MIXED, Path("out"))
+
+
+def test_another_recording_at_the_same_path_is_measured_anew(own: Recording, tmp_path: Path) -> None:
+    before = compare(MIXED, Path("out"))
+    own.chosen(slice(0, 1)).save(Path("own.npz"))
+    after = compare(MIXED, Path("out"))
+    assert after.renewed == [("active-set", "prepared", "own.npz")]
+    assert after.measurements[:6] == before.measurements[:6], "of the other family, to the last digit of their times"
+    assert {each.status for each in after.measurements[6:]} == {"OPTIMAL"}
+    assert "INFEASIBLE" in {each.status for each in before.measurements[6:]}
+    (tmp_path / "out" / "keys.csv").unlink()  # as in a folder older than it: settings.json tells
+    own.save(Path("own.npz"))
+    assert compare(MIXED, Path("out")).renewed == [("active-set", "prepared", "own.npz")]
 
 
 def test_a_file_that_changes_is_read_again(own: Recording) -> None:

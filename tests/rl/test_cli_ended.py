@@ -3,6 +3,7 @@
 import os
 import select
 import signal
+import time
 
 import pytest
 
@@ -40,6 +41,9 @@ def test_a_comparison_that_is_ended_leaves_no_solver_that_goes_on(number, tmp_pa
     told = read(pipe, 1)
     told += read(pipe, 1)
     assert told == b".."
+    measurements, until = tmp_path / "out" / "measurements.csv", time.monotonic() + 60
+    while "active-set" not in measurements.read_text(encoding="utf-8") and time.monotonic() < until:
+        time.sleep(0.01)  # the command writes while its workers go on
     os.kill(process.pid, number)
     _, errors = process.communicate(timeout=120)
     assert read(pipe, 1) == b"", "solver and fork are gone"
@@ -48,4 +52,4 @@ def test_a_comparison_that_is_ended_leaves_no_solver_that_goes_on(number, tmp_pa
     assert process.returncode == (143 if is_asked else -9)
     assert ("Interrupted. out/measurements.csv holds every finished cell" in errors) == is_asked
     assert (tmp_path / "out" / LOCK).exists() != is_asked
-    assert [each.solver for each in read_measurements(tmp_path / "out" / "measurements.csv")] == ["active-set"]
+    assert [each.solver for each in read_measurements(measurements)] == ["active-set"]

@@ -1,0 +1,206 @@
+"""A cell of the comparison is as good as what it was measured on: what has changed is measured anew, and only that."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cpgrl_opt.comparison import cell_keys as keys_module
+from cpgrl_opt.comparison.cell_keys import cell_keys, settings_of
+from cpgrl_opt.comparison.command import Request, run_command
+from cpgrl_opt.comparison.measurement import Measurement, read_measurements, write_measurements
+from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint, run_comparison
+from cpgrl_opt.comparison.sources import sources_of
+
+WRONG = """
+from cpgrl_opt import SOLVERS
+
+class Mine:
+    def solve(self, problem):
+        answer = SOLVERS["active-set"].solve(problem)
+        answer.value[:] += 1.0
+        return answer
+
+S = Mine()
+"""
+COMMITTED = Path(__file__).parents[2] / "benchmarks" / "results" / "compare"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current one, from which modules are imported, each test's under a name of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def test_a_mended_solver_is_measured_anew_and_the_others_are_kept(folder: Path) -> None:
+    (folder / "mended.py").write_text(WRONG, encoding="utf-8")
+    request = Request(solvers=["active-set", "mended:S"], families=["zero-rows"], problems=2, quick=True)
+    said: list[str] = []
+    run_command(request, folder / "out", jobs=1, anew=False, say=said.append)
+    before = read_measurements(folder / "out" / "measurements.csv")
+    assert [each.outcome for each in before] == ["success"] * 2 + ["silently-wrong"] * 2
+    assert not any("anew" in words for words in said)
+    (folder / "mended.py").write_text(WRONG.replace("+= 1.0", "+= 0.0"), encoding="utf-8")
+    run_command(request, folder / "out", jobs=1, anew=False, say=said.append)
+    after = read_measurements(folder / "out" / "measurements.csv")
+    assert [each.outcome for each in after] == ["success"] * 4
+    assert after[:2] == before[:2], "to the last digit of their times"
+    assert "Measured anew, since what they were measured on has changed: 1 cell of mended:S." in said
+
+
+def test_rows_that_are_stale_leave_the_file_before_others_are_measured(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "gone.py").write_text(WRONG, encoding="utf-8")
+    settings = ComparisonSettings(solvers=("active-set", "gone:S"), families=("zero-rows", "duplicate"), problems=1)
+    run_comparison(settings, open_checkpoint(settings, folder / "out", {}))
+    (folder / "gone.py").write_text(WRONG + "# mended\n", encoding="utf-8")
+    monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
+    part = replace(settings, families=("zero-rows",))
+    checkpoint = open_checkpoint(part, folder / "out", {})
+    with pytest.raises(KeyError):  # nothing is measured here
+        run_comparison(part, checkpoint)
+    left = [(each.solver, each.family) for each in read_measurements(checkpoint.path)]
+    assert left == [("active-set", "zero-rows"), ("active-set", "duplicate"), ("gone:S", "duplicate")]
+    whole = open_checkpoint(settings, folder / "out", {})
+    with pytest.raises(KeyError):
+        run_comparison(settings, whole)
+    assert whole.stale == [("gone:S", "prepared", "duplicate")], "found out once it is asked for"
+
+
+def test_somebody_s_own_solver_is_not_trusted_where_nobody_wrote_what_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "unknown.py").write_text(WRONG, encoding="utf-8")
+    settings = ComparisonSettings(solvers=("active-set", "unknown:S"), families=("zero-rows",), problems=1)
+    row = Measurement(
+        solver="active-set", variant="prepared", family="zero-rows", problem=0, n=9, m=4, status="OPTIMAL",
+        outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
+    )  # fmt: skip
+    open_checkpoint(settings, folder / "out", {})
+    write_measurements(folder / "out" / "measurements.csv", [row, replace(row, solver="unknown:S")])
+    monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
+    checkpoint = open_checkpoint(settings, folder / "out", {})
+    with pytest.raises(KeyError):  # nothing is measured here
+        run_comparison(settings, checkpoint)
+    assert checkpoint.stale == [("unknown:S", "prepared", "zero-rows")]
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> "Old":
+    """A part of the committed comparison, which is older than keys.csv: the folder, its versions and its settings."""
+    header, *lines = (COMMITTED / "measurements.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "measurements.csv").write_text(header + "".join(line for line in lines if ",zero-rows," in line))
+    shutil.copy(COMMITTED / "settings.json", tmp_path)
+    versions = json.loads((tmp_path / "settings.json").read_text(encoding="utf-8"))["versions"]
+    return tmp_path, versions, ComparisonSettings(solvers=("active-set", "osqp"), families=("zero-rows",))
+
+
+Old = tuple[Path, dict[str, str], ComparisonSettings]
+
+
+def test_a_folder_from_before_the_keys_is_taken_as_it_is(old: Old, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, versions, settings = old
+    before = read_measurements(folder / "measurements.csv")
+    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    measured = run_comparison(settings, open_checkpoint(settings, folder, versions))
+    assert measured == [each for each in before if each.solver in settings.solvers]
+    assert len(measured) == 60
+    assert len(read_measurements(folder / "measurements.csv")) == len(before)
+
+
+def test_there_too_a_package_of_another_version_makes_its_solver_s_cells_stale(
+    old: Old, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, versions, settings = old
+    checkpoint = open_checkpoint(settings, folder, versions | {"osqp": "0.6.7"})
+    monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
+    with pytest.raises(KeyError):  # nothing is measured here
+        run_comparison(settings, checkpoint)
+    assert {solver for solver, _, _ in checkpoint.stale} == {"osqp"}
+
+
+CELLS = [("active-set", "prepared", "zero-rows"), ("osqp", "prepared", "zero-rows"), ("osqp", "raw", "duplicate")]
+
+
+def test_the_version_of_a_package_is_in_the_keys_of_its_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = cell_keys(CELLS)
+    assert cell_keys(CELLS) == before
+    monkeypatch.setattr(keys_module, "version", lambda package: "7" if package == "osqp" else "1")
+    one = cell_keys(CELLS)
+    monkeypatch.setattr(keys_module, "version", lambda package: "8" if package == "osqp" else "1")
+    assert [one[cell] == key for cell, key in cell_keys(CELLS).items()] == [True, False, False]
+
+
+def test_whatever_draws_solves_and_judges_is_in_every_key_and_what_reports_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    modules = sources_of("cpgrl_opt.comparison.worker").modules
+    for name in ("kkt", "solvers.active_set", "comparison.generators", "comparison.judgement", "comparison.raw"):
+        assert f"cpgrl_opt.{name}" in modules
+    assert not any("report" in name or "testing" in name for name in modules)
+    before = cell_keys(CELLS)
+    monkeypatch.setattr(keys_module, "_ours", lambda: "other sources")
+    assert all(before[cell] != key for cell, key in cell_keys(CELLS).items())
+
+
+class Silent:
+    """Says of itself only where it stands in memory."""
+
+    def __init__(self, tolerance: float, act: Callable[[], None] = lambda: None) -> None:
+        self.tolerance, self.act, self.other = tolerance, act, object()
+
+
+class Broken(Silent):
+    def __repr__(self) -> str:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize("kind", [Silent, Broken])
+def test_the_settings_of_a_solver_without_a_repr_are_its_plain_attributes(kind: type[Silent]) -> None:
+    one, other = kind(1e-6), kind(1e-6, lambda: None)
+    assert settings_of(one) == settings_of(other)
+    assert settings_of(one) != settings_of(kind(1e-8))
+    assert "0x" not in " ".join(settings_of(one))
+
+
+TREE = {
+    "solver_a.py": "from pack_a import inner\nimport helper_a\n",
+    "helper_a.py": "def late():\n    from pack_a.deep.leaf import value\n",
+    "pack_a/__init__.py": "",
+    "pack_a/inner.py": "from . import neighbour\nfrom .deep import *\n",
+    "pack_a/neighbour.py": "import numpy as np, json\nfrom cpgrl_opt import SOLVERS\n",
+    "pack_a/deep/__init__.py": "from ..upward import thing\n",
+    "pack_a/deep/leaf.py": "value = 1\n",
+    "pack_a/upward.py": "thing = 1\n",
+}
+
+
+def test_a_solver_s_source_is_that_of_all_it_imports_from_beside(folder: Path) -> None:
+    for name, text in {**TREE, "pack_a/unused.py": "", "unused_a.py": ""}.items():
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    before = sources_of("solver_a", apart="cpgrl_opt")
+    assert before.installed == ("numpy",)
+    assert len(before.modules) == len(TREE)
+    for name, text in TREE.items():
+        (folder / name).write_text(f"{text}# mended\n", encoding="utf-8")
+        assert sources_of("solver_a", apart="cpgrl_opt") != before, name
+        (folder / name).write_text(text, encoding="utf-8")
+        assert sources_of("solver_a", apart="cpgrl_opt") == before, name
+    for name in ("pack_a/unused.py", "unused_a.py"):
+        (folder / name).write_text("x = 1\n", encoding="utf-8")
+    assert sources_of("solver_a", apart="cpgrl_opt") == before
+
+
+def test_what_cannot_be_read_as_python_counts_by_its_bytes(folder: Path) -> None:
+    (folder / "torn_b.py").write_bytes(b"import\x00 (")
+    one = sources_of("torn_b")
+    (folder / "torn_b.py").write_bytes(b"import\x00 )")
+    assert sources_of("torn_b").digest != one.digest
+    assert sources_of("no_such_module_b").modules == ()
