@@ -46,10 +46,11 @@ class ActiveConstraints:
         """J, of every constraint."""
         return self.gradients[:, 1:]
 
-    def rows(self, chosen: Bool[np.ndarray, "B"]) -> "ActiveConstraints":
-        """The same for some of the runs."""
+    def rows(self, chosen: np.ndarray, active: Bool[np.ndarray, "B m"] | None = None) -> "ActiveConstraints":
+        """The same for the runs that a mask or an index array names; active: other sets, of all runs."""
         exponents = None if self.exponents is None else self.exponents[chosen]
-        return ActiveConstraints(self.gradients[chosen], self.target[chosen], self.active[chosen], exponents)
+        active = self.active if active is None else active
+        return ActiveConstraints(self.gradients[chosen], self.target[chosen], active[chosen], exponents)
 
     def balanced(self) -> "ActiveConstraints":
         """Rows beyond 2^±400 and their targets over a power of two that leaves the row's largest entry in ½ … 1.

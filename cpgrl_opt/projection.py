@@ -8,12 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import ArrayLike, Jacobian, Multipliers, Vector
+from .arrays import ArrayLike, Bool, Float, Jacobian, Multipliers, Vector
 from .problem import UnitRows, unit_rows
 from .validation import finite_array, require_shape
 
 # Between rounding (1e-15) and rows that are 1e-9 rad apart, which still count as two.
 RANK_TOLERANCE = 1e-12
+# Multipliers of unit rows that differ by less tie, in units of the largest and of ‖Δ‖: far above what rounding makes of
+# equal ones, and too little for the wrong one of two nearly opposing rows, λ̂ = 1e10 both, to leave with the right one.
+_TIED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,30 @@ def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers
     require_shape("gradient", g, (space.right.shape[0],))
     weights = space.left @ ((space.right.T @ g) / space.singular_values)
     return np.where(space.rows.largest > 0, space.rows.per_length(weights), 0.0)
+
+
+def unit_multipliers(
+    unit_jacobian: Float[np.ndarray, "B m n"], gradient: Float[np.ndarray, "B n"]
+) -> Float[np.ndarray, "B m"]:
+    """λ̂ᵢ = λᵢ‖Jᵢ‖ of the same λ for B problems at once, from rows of length 1, or 0 where a row is left out."""
+    left, singular_values, right = np.linalg.svd(unit_jacobian, full_matrices=False)
+    largest = singular_values.max(axis=1, initial=1.0, keepdims=True)
+    counts = singular_values > RANK_TOLERANCE * largest
+    inverse = np.where(counts, 1.0 / np.where(counts, singular_values, 1.0), 0.0)
+    return np.asarray(((left * inverse[:, None, :]) @ (right @ gradient[:, :, None]))[:, :, 0])
+
+
+def largest_multipliers(
+    multipliers: Float[np.ndarray, "B m"], unit_multipliers: Float[np.ndarray, "B m"], among: Bool[np.ndarray, "B m"]
+) -> Bool[np.ndarray, "B m"]:
+    """Where λᵢ is the largest `among` some, or ties with it: a row and its copy do, and order must not tell them apart.
+
+    unit_multipliers: λ̂ᵢ in units of ‖Δ‖.
+    """
+    compared = np.where(among, multipliers, -np.inf)
+    leader = compared.argmax(axis=1)[:, None]
+    relative = _TIED / np.maximum(1.0, np.take_along_axis(unit_multipliers, leader, axis=1))
+    return np.asarray(among & (compared >= (1.0 - relative) * np.take_along_axis(compared, leader, axis=1)))
 
 
 def projection_matrix(jacobian: ArrayLike) -> np.ndarray:

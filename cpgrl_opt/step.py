@@ -13,6 +13,7 @@ import numpy as np
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .arrays import ArrayLike, Bool, Float, Int
 from .direction import DirectionBatch, DirectionError, Status
+from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
@@ -42,16 +43,16 @@ Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
 DROP_RULES = ("never", "stationary", "always")
 ON_FAILURE = ("fallback", "skip", "raise")
-# PΔ¹ and λᵢ‖Jᵢ‖ count as 0 below this part of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
-_STATIONARY = 1e-10
+# Of their answers PΔ¹ = 0 is seen as well as by the closed form.
+_EXACT = (ActiveSet, Rosen)
 
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
     """The parameter change and what happened on the way; leading axes as in the linearization.
 
-    change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and no positive λ,
-    both up to rounding.
+    change: (…, n); active: (…, m), the set that the rule chose; stationary: (…), PΔ¹ = 0 and some λ ≤ 0 exists,
+    both up to rounding: a KKT point.
     counts, by name (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
     skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened), softened (by the
     ridge, where a constraint was active),
@@ -74,8 +75,10 @@ class ConstrainedStep:
     solver, rule: objects, or the names of SOLVERS, ACTIVE_SET_RULES; formulation: a name of FORMULATIONS. What a
         solver that is not of SOLVERS calls OPTIMAL or INFEASIBLE is put before the referee here.
     step_size α₁ and restoration_rate αₑ: ≥ 0 (the paper: both 0.02), α₁ > 0 for `restoring`.
-    drop: which constraints `equality` takes out of 𝒜 (§2.3): "stationary", argmax λᵢ‖Jᵢ‖ while PΔ¹ = 0 and it is
-        positive; "always", whether PΔ¹ = 0 or not; "never". raw_multipliers compares λᵢ instead, as printed.
+    drop: which constraints `equality` takes out of 𝒜 (§2.3): "stationary", argmax λᵢ‖Jᵢ‖ while PΔ¹ = 0 and no λ ≤ 0
+        exists; "always", whether PΔ¹ = 0 or not; "never". λ is the step's own, of dependent rows the one of least norm,
+        and what ties leaves together, so that neither the solver nor the order of the constraints decides: see
+        `drop_rule`. raw_multipliers compares λᵢ instead, as printed.
     ridge ε ≥ 0: softens the constraints, (JJᵀ + εI)⁻¹ in P and d; in the squared unit of a gradient. Ours.
     max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ (in the
         metric's where there is one). Where rows depend, J⁺ answers by least squares and may be much shorter than the v
@@ -233,14 +236,13 @@ class _Run:
             self.counts["softened"] += constraints.active.any(axis=1)
         if settings.max_restoration < np.inf:
             constraints = self.capped(constraints, n)
-        tangent, restoration, multipliers = self.solve(constraints, np.arange(len(constraints.target)))
-        still, any_still = self.vanishes(tangent, constraints)
-        if (any_still or settings.drop == "always") and settings.formulation == "equality":
-            if settings.drop != "never":
-                tangent, restoration, multipliers = self.drop(constraints, tangent, restoration, multipliers)
-                still, any_still = self.vanishes(tangent, constraints)
-            if any_still:
-                still &= ~self.harmful(constraints, multipliers)[1].any(axis=1)
+        tangent, restoration = self.solve(constraints, np.arange(len(constraints.target)))
+        still, any_still = self.at_rest(tangent, constraints)
+        if settings.formulation == "equality" and (any_still or settings.drop == "always"):
+            if settings.drop == "never":
+                still[still] = ~has_positive_multipliers(constraints.rows(still), self.geometry)
+            else:
+                tangent, restoration, still = self.drop(constraints, tangent, restoration, still)
         change = settings.step_size * tangent
         if restoration is not None and settings.max_restoration < np.inf and settings.formulation == "cone":
             restoration = restoration * self.shortening(restoration, n)[:, None]  # J v ≥ t: v is as long as t is
@@ -297,8 +299,8 @@ class _Run:
 
     def solve(
         self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]
-    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """Tangent s, restoration v (None where it is inside) and the tangent problem's μ."""
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Tangent s and restoration v, None where it is inside."""
         settings = self.settings
         ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
         problems, count = FORMULATIONS[settings.formulation].problems(constraints, ratio), len(runs)
@@ -306,10 +308,9 @@ class _Run:
             tangents = self.certified(self.geometry.tangent(problems[:count]), runs)
             apart = len(problems) > count
             moves = self.certified(self.geometry.restoration(problems[count:]), runs).value if apart else None
-            return tangents.value, moves, tangents.multipliers
+            return tangents.value, moves
         answers = self.certified(problems, runs)
-        restoration = answers.value[count:] if len(answers) > count else None
-        return answers.value[:count], restoration, answers.multipliers[:count]
+        return answers.value[:count], answers.value[count:] if len(answers) > count else None
 
     def certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
@@ -348,53 +349,34 @@ class _Run:
         constraints: ActiveConstraints,
         tangent: np.ndarray,
         restoration: np.ndarray | None,
-        multipliers: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """𝒜 ← 𝒜 without argmax λᵢ, until the rule is content; P and d are built anew. Source: §2.3."""
-        tangent, multipliers = tangent.copy(), multipliers.copy()  # an observer may have kept the answers
+        still: Bool[np.ndarray, "B"],
+    ) -> tuple[np.ndarray, np.ndarray | None, Bool[np.ndarray, "B"]]:
+        """𝒜 ← 𝒜 without the largest λ, until some λ ≤ 0 exists; P and d are built anew. See `drop_rule`. §2.3.
+
+        Returns s, v, and whether PΔ¹ = 0 at the end of it.
+        """
+        tangent = tangent.copy()  # an observer may have kept the answers
         restoration = None if restoration is None else restoration.copy()
         active = constraints.active.copy()
+        open_ = still if self.settings.drop == "stationary" else active.any(axis=1)
         for _ in range(active.shape[1]):
-            positive, largest = self.largest_multiplier(replace(constraints, active=active), multipliers)
-            if self.settings.drop == "stationary":
-                positive = positive & self.vanishes(tangent, constraints)[0]
-            chosen = np.flatnonzero(positive)
+            chosen = np.flatnonzero(open_ & (self.counts["skipped"] == 0) if self.any_skipped else open_)
+            chosen = chosen[has_positive_multipliers(constraints.rows(chosen, active), self.geometry)]
             if not chosen.size:
                 break
-            active[chosen, largest[chosen]] = False
-            self.counts["dropped"][chosen] += 1
-            fewer = replace(constraints, active=active).rows(positive)
-            tangent[chosen], again, multipliers[chosen] = self.solve(fewer, chosen)
+            before = constraints.rows(chosen, active)
+            active[chosen] &= ~leaving_constraints(before, self.geometry, raw=self.settings.raw_multipliers)
+            fewer = constraints.rows(chosen, active)
+            self.counts["dropped"][chosen] += np.count_nonzero(before.active & ~fewer.active, axis=1)
+            tangent[chosen], again = self.solve(fewer, chosen)
             if restoration is not None:
                 restoration[chosen] = again
-        return tangent, restoration, multipliers
+            still[chosen] = self.at_rest(tangent[chosen], fewer)[0]
+            open_ = np.isin(np.arange(len(active)), chosen) & (still | (self.settings.drop == "always"))
+        return tangent, restoration, still
 
-    def largest_multiplier(
-        self, constraints: ActiveConstraints, multipliers: np.ndarray
-    ) -> tuple[Bool[np.ndarray, "B"], Int[np.ndarray, "B"]]:
-        """Whether a run has a positive λᵢ‖Jᵢ‖ in 𝒜, and which of them is the largest; or the largest λᵢ of them."""
-        harm, positive = self.harmful(constraints, multipliers)
-        if self.settings.raw_multipliers:
-            harm = -constraints.original(multipliers)
-        values = np.where(positive, harm, -np.inf)
-        largest = values.argmax(axis=1) if values.shape[1] else np.zeros(len(values), dtype=np.int64)
-        return np.asarray(positive.any(axis=1)), largest
-
-    def harmful(
-        self, constraints: ActiveConstraints, multipliers: np.ndarray
-    ) -> tuple[Float[np.ndarray, "B m"], Bool[np.ndarray, "B m"]]:
-        """λᵢ‖Jᵢ‖/‖Δ¹‖, λ = −μ, and where in 𝒜 it is positive beyond rounding; nowhere where Δ¹ = 0."""
-        of = lengths if self.geometry is None else self.geometry.gradient_lengths
-        size = of(constraints.gradients[:, 0])
-        unit = np.where(size > 0, size, 1.0)[:, None]
-        harm = -multipliers * (of(constraints.jacobian) / unit)
-        return harm, constraints.active & (harm > _STATIONARY) & (size > 0)[:, None]
-
-    def vanishes(self, tangent: np.ndarray, constraints: ActiveConstraints) -> tuple[np.ndarray, bool]:
-        """PΔ¹ = 0, up to rounding: by run, and whether in any."""
-        if self.geometry is not None:
-            vanishing = self.geometry.vanishing(tangent, constraints.gradients[:, 0], _STATIONARY)
-            return vanishing, bool(vanishing.any())
-        vanishing = np.empty(len(tangent), np.bool_)
-        found = step_kernels().mark_vanishing(tangent, constraints.gradients, _STATIONARY, vanishing)
-        return vanishing, found
+    def at_rest(self, tangent: np.ndarray, constraints: ActiveConstraints) -> tuple[Bool[np.ndarray, "B"], bool]:
+        """PΔ¹ = 0 up to rounding, by run, and whether in any; with `equality` whatever the solver's tolerance."""
+        if self.settings.formulation == "equality" and type(self.settings.solver) not in _EXACT:
+            tangent = tangents(constraints, self.geometry)
+        return vanishing(tangent, constraints, self.geometry)

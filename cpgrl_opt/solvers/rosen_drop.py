@@ -2,6 +2,9 @@ r"""Rosen's drop rule taken as a cone projection: drop the constraint with the l
 
     d = P_𝒜 g,   λ = (J_𝒜 J_𝒜ᵀ)⁻¹ J_𝒜 g,   𝒜 ← 𝒜 \ {argmax λᵢ‖Jᵢ‖}   while max λᵢ > 0
 
+λ is the one of least norm (λᵢ‖Jᵢ‖), where rows depend, and no constraint leaves where some λ ≤ 0 exists; what ties
+leaves together: the order of the rows decides nothing, see `drop_rule`.
+
 A constraint once dropped never comes back, so the answer may violate it: exact for one constraint, wrong in some
 cases from two on, and then UNCERTIFIED. Source: §2.3 of the paper; Rosen 1960.
 """
@@ -11,9 +14,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Float, Vector
+from ..arrays import Bool, Float, Vector
 from ..direction import Direction, Status
-from ..problem import DirectionProblem
+from ..problem import DirectionProblem, lengths
+from ..projection import RANK_TOLERANCE, largest_multipliers, unit_multipliers
+from .factorization import pivoted_qr
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches
 from .polishing import project_onto_face
@@ -57,13 +62,27 @@ class RosenDrop(LoopsOverBatches):
 
     def _drop(self, scaled: ScaledProblem) -> tuple[Vector, Float[np.ndarray, "p"], int]:
         """d, μ and how many constraints were dropped."""
-        active = np.ones(len(scaled.bound), dtype=np.bool_)
+        active, negligible = np.ones(len(scaled.bound), dtype=np.bool_), min(_NEGLIGIBLE, self.tolerance)
         while True:
-            d, multipliers = project_onto_face(scaled, active, nonnegative=False)
+            d, multipliers = self._projected(scaled, active)
             harm = -multipliers  # λᵢ‖Jᵢ‖/‖g‖
-            positive = ~scaled.equality & (harm > min(_NEGLIGIBLE, self.tolerance))
+            positive = active & ~scaled.equality & (harm > negligible)
             if not positive.any():
                 return d, multipliers, int((~active).sum())
             if self.raw_multipliers:
                 harm = -scaled.original_multipliers(multipliers)[scaled.kept]
-            active[int(np.where(positive, harm, -np.inf).argmax())] = False
+            active &= ~largest_multipliers(harm[None], -multipliers[None], positive[None])[0]
+
+    def _projected(self, scaled: ScaledProblem, active: Bool[np.ndarray, "p"]) -> tuple[Vector, Float[np.ndarray, "p"]]:
+        """d on the face of the active rows, and μ = −λ: of dependent rows a λ ≤ 0, or the least where there is none."""
+        d, multipliers = project_onto_face(scaled, active, nonnegative=False)
+        rank = len(pivoted_qr(scaled.rows[active].T, RANK_TOLERANCE)[1]) if active.any() else 0
+        negligible, inequality = min(_NEGLIGIBLE, self.tolerance), ~scaled.equality
+        if rank == active.sum() or not (multipliers[inequality] < -negligible).any():
+            return d, multipliers
+        _, signed = project_onto_face(scaled, active)
+        rest = lengths(scaled.gradient + signed @ scaled.rows - d)
+        if not (signed[inequality] < -negligible).any() and rest <= negligible:
+            return d, signed
+        rows = np.where(active[:, None], scaled.rows, 0.0)
+        return d, -unit_multipliers(rows[None], scaled.gradient[None])[0]

@@ -1,10 +1,16 @@
 """The drop rule obeys multipliers and not their rounding: λᵢ‖Jᵢ‖ counts as 0 below a part of ‖Δ¹‖, as PΔ¹ does."""
 
+from dataclasses import dataclass
+from itertools import permutations
+from typing import ClassVar
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from cpgrl_opt import ConstrainedStep, Direction, DirectionProblem, Linearization, Status
-from cpgrl_opt.solvers import RosenDrop
+from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, DirectionProblem, Linearization, Status
+from cpgrl_opt.solvers import RosenDrop, is_installed
 
 GEOMETRIES = [{}, {"metric": [2.0, 0.5, 1.0, 3.0]}, {"ridge": 1e-300}]
 
@@ -76,3 +82,197 @@ def test_where_the_objective_is_flat_no_multiplier_drops_a_constraint():
     flat = Linearization([0.0, 0.0], [[0.0, 0.0], [1.0, 0.0]])
     result = ConstrainedStep(solver=Forceful())(flat, [0.0])
     assert (result.counts["dropped"], bool(result.stationary)) == (0, True)
+
+
+# μ = (½, 2, 0): a KKT point, at which other multipliers of the dependent rows have either sign.
+KKT_GRADIENT, KKT_ROWS = np.array([2.0, -2.0]), np.array([[4.0, 0.0], [-2.0, 1.0], [0.0, -2.0]])
+KKT_THRESHOLDS = np.array([2.0, 3.0, 3.0])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_at_a_kkt_point_nothing_is_dropped_whatever_the_solver_and_the_order(solver):
+    if not is_installed(SOLVERS[solver]):
+        pytest.skip(f"{solver} is not installed")
+    orders = list(map(list, permutations(range(3))))
+    for drop, order in (*(("stationary", each) for each in orders), ("always", orders[3]), ("never", orders[4])):
+        step = ConstrainedStep(solver=solver, drop=drop, step_size=1.0, restoration_rate=1.0)
+        gradients = np.vstack([KKT_GRADIENT, KKT_ROWS[order]])
+        result = step(Linearization(np.zeros(4), gradients), KKT_THRESHOLDS[order])
+        np.testing.assert_allclose(result.change, [-0.6, -0.95], rtol=1e-6)
+        assert (result.counts["dropped"], bool(result.stationary)) == (0, True)
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """A right solver of float32: it leaves 1e-8 of what should be 0, and its multipliers are as good."""
+
+    tolerance: float = 1e-5
+    takes_geometry: ClassVar[bool] = True
+
+    def solve(self, problem):
+        answer = SOLVERS["nnls"].solve(problem)
+        value, multipliers = (np.float64(np.float32(each)) for each in (answer.value, answer.multipliers))
+        return Direction(value, multipliers, answer.status)
+
+
+@dataclass(frozen=True)
+class OtherMultipliers:
+    """A right solver with other multipliers where rows depend: twice as far from the least ones."""
+
+    takes_geometry: ClassVar[bool] = True
+
+    def solve(self, problem):
+        answer = SOLVERS["active-set"].solve(problem)
+        on = problem.equality
+        if answer.status != Status.OPTIMAL or not on.any():
+            return answer
+        rows = problem.jacobian[on]
+        null = np.eye(len(rows)) - np.linalg.pinv(rows.T, rcond=1e-10) @ rows.T
+        multipliers = answer.multipliers.copy()
+        multipliers[on] += null @ np.arange(1.0, 1.0 + len(rows))
+        return Direction(answer.value, multipliers, answer.status)
+
+
+def drawn(seed):
+    """(Δ¹, J, t, settings): integers, so that rows repeat, oppose and sum to 0; mostly with PΔ¹ = 0."""
+    rng = np.random.default_rng(seed)
+    m, n = rng.integers(1, 5, size=2)
+    J = rng.integers(-2, 3, size=(m, n)).astype(float)
+    if m > 1 and rng.random() < 0.3:
+        J[-1] = J[0] * rng.choice([1.0, 2.0, -1.0])
+    if m > 2 and rng.random() < 0.3:
+        J[-1] = -J[0] - J[1]
+    if rng.random() < 0.3:
+        J *= 10.0 ** rng.integers(-3, 4, size=(m, 1))
+    norms = np.linalg.norm(J, axis=1)
+    g = J.T @ (rng.integers(-2, 3, size=m) / np.where(norms > 0, norms, 1.0))
+    if rng.random() < 0.2:
+        g = rng.integers(-2, 3, size=n).astype(float)
+    root = rng.integers(-1, 2, size=(n, n))
+    more = [
+        {},
+        {},
+        {"metric": 1.0 + rng.integers(0, 3, size=n)},
+        {"metric": root @ root.T + np.eye(n)},
+        {"ridge": 0.25},
+    ]
+    settings = {"drop": ("stationary", "always", "never")[rng.integers(3)], **more[rng.integers(5)]}
+    settings |= {"raw_multipliers": bool(rng.random() < 0.3), "restoration_rate": float(rng.integers(2))}
+    if rng.random() < 0.2:
+        settings["radius"] = 0.5
+    return g, J, rng.integers(0, 4, size=m).astype(float), settings, rng
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_the_step_depends_neither_on_the_order_of_the_constraints_nor_on_the_solver(seed):
+    """The drop rule's decisions least of all; rows depend in most of these problems."""
+    g, J, t, chosen, rng = drawn(seed)
+
+    def taken(solver, order, lengths=1.0):
+        step = ConstrainedStep(solver=solver, step_size=1.0, **chosen)
+        rows, target = (np.broadcast_to(lengths, len(J))[:, None] * J)[order], (lengths * t)[order]
+        return step(Linearization(np.concatenate([[0.0], -target]), np.vstack([g, rows])), np.zeros(len(J)))
+
+    expected = taken("active-set", np.arange(len(J)))
+    others = [taken(solver, rng.permutation(len(J))) for solver in ("active-set", "rosen", "nnls", OtherMultipliers())]
+    if not chosen["raw_multipliers"] and "ridge" not in chosen:
+        others.append(taken("active-set", np.arange(len(J)), 2.0 ** rng.integers(-3, 4, size=len(J))))
+    rounded = taken(Rounded(), rng.permutation(len(J)))
+    size = max(1.0, float(np.abs(expected.change).max()))
+    for other, tolerance in (*((each, 1e-9) for each in others), (rounded, 1e-4)):
+        np.testing.assert_allclose(other.change, expected.change, atol=tolerance * size)
+        assert other.counts["dropped"] == expected.counts["dropped"]
+        assert other.stationary == expected.stationary
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_at_kkt_points_nothing_is_dropped(seed):
+    """Δ¹ = −Jᵀμ with μ ≥ 0."""
+    _, J, t, chosen, rng = drawn(seed)
+    chosen.pop("ridge", None)
+    norms = np.linalg.norm(J, axis=1)
+    g = -J.T @ (rng.integers(0, 3, size=len(J)) / np.where(norms > 0, norms, 1.0))
+    result = ConstrainedStep(**chosen)(Linearization(np.concatenate([[0.0], -t]), np.vstack([g, J])), 0.0 * t)
+    assert (result.counts["dropped"], bool(result.stationary)) == (0, True)
+
+
+@pytest.mark.parametrize("drop", ["stationary", "always"])
+def test_constraints_that_tie_leave_together(drop):
+    """Δ¹ = (1, 1) pulls at both rows alike: whichever left alone would be a matter of order."""
+    step = ConstrainedStep(drop=drop, step_size=1.0, restoration_rate=1.0)
+    for rows in ([[1.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [3.0, 0.0]]):
+        result = step(Linearization([0.0, -1.0, -2.0], [[1.0, 1.0], *rows]), [0.0, 0.0])
+        np.testing.assert_allclose(result.change, [1.0, 1.0], rtol=1e-12)
+        assert result.counts["dropped"] == 2
+
+
+def test_a_constraint_that_is_there_twice_leaves_twice():
+    """λ̂ = (½, ½, −1): Δ¹ climbs along both copies, whose thresholds differ, and the third row is held."""
+    step = ConstrainedStep(step_size=1.0, restoration_rate=1.0)
+    rows, values = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]]), np.array([-1.0, -6.0, -4.0])
+    for order in map(list, permutations(range(3))):
+        result = step(Linearization([0.0, *values[order]], np.vstack([[1.0, -1.0], rows[order]])), np.zeros(3))
+        np.testing.assert_allclose(result.change, [1.0, 4.0], rtol=1e-12)
+        assert result.counts["dropped"] == 2
+
+
+@pytest.mark.parametrize("lengths", [[1e-170, 1.0, 1e170], [1e170, 1e-170, 1.0], [1e-300, 1e300, 1e-300]])
+def test_rows_of_any_length_decide_alike(lengths):
+    step = ConstrainedStep(step_size=1.0, restoration_rate=0.0)
+    climbing = np.array([1.0, 1.0]), np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]])  # λ̂ = (½, ½, 1)
+    for (g, rows), dropped in (((KKT_GRADIENT, KKT_ROWS), 0), (climbing, 1)):
+        for scale in (1.0, 1e-150, 1e150):
+            gradients = np.vstack([scale * g, np.array(lengths)[:, None] * rows])
+            result = step(Linearization(np.zeros(4), gradients), KKT_THRESHOLDS)
+            assert (result.counts["dropped"], bool(result.stationary)) == (dropped, dropped == 0)
+
+
+@pytest.mark.parametrize("drop", ["stationary", "always", "never"])
+@pytest.mark.parametrize("metric", [None, [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 3.0]]])
+def test_runs_that_drop_together_are_the_runs_one_by_one(drop, metric):
+    rng = np.random.default_rng(3)
+    rows = rng.integers(-2, 3, size=(16, 4, 3)).astype(float)
+    gradients = np.concatenate([(rng.integers(-2, 3, size=(16, 1, 4)) @ rows), rows], axis=1)
+    gradients[::7] *= 1e160
+    values = -rng.random((16, 5))
+    step = ConstrainedStep(drop=drop, metric=metric)
+    together = step(Linearization(values, gradients), np.zeros(4))
+    assert together.stationary.any()
+    assert together.counts["dropped"].any() == (drop != "never")
+    for k in range(16):
+        alone = step(Linearization(values[k], gradients[k]), np.zeros(4))
+        np.testing.assert_array_equal(together.change[k], alone.change)
+        assert together.counts["dropped"][k] == alone.counts["dropped"]
+        assert together.stationary[k] == alone.stationary
+
+
+@pytest.mark.parametrize("angle", [1e-2, 1e-6, 1e-10])
+def test_of_two_nearly_opposing_constraints_the_wrong_one_does_not_leave_with_the_right_one(angle):
+    """λ₁ − λ₂ = ½ and λ₁ + λ₂ = 1/angle: nearly equal, but Δ¹ itself would break the second by ½."""
+    rows = np.array([[1.0, angle], [-1.0, angle]])
+    along_second = np.array([angle, 1.0]) / np.hypot(angle, 1.0)
+    for order in ([0, 1], [1, 0]):
+        gradients = np.vstack([[0.5, 1.0], rows[order]])
+        result = ConstrainedStep(step_size=1.0, restoration_rate=0.0)(Linearization(np.zeros(3), gradients), [0.0, 0.0])
+        assert result.counts["dropped"] == 1
+        np.testing.assert_allclose(result.change, (gradients[0] @ along_second) * along_second, rtol=1e-12)
+
+
+def test_rosens_drop_rule_takes_dependent_rows_in_any_order():
+    """The cone of the rows is {0}, and 0 the answer; found: UNCERTIFIED in half of the orders."""
+    for order in map(list, permutations(range(3))):
+        answer = RosenDrop().solve(DirectionProblem(KKT_GRADIENT, KKT_ROWS[order]))
+        assert (answer.status, answer.iterations) == (Status.OPTIMAL, 0)
+        np.testing.assert_allclose(answer.value, 0.0, atol=1e-15)
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 2**32 - 1))
+def test_rosens_drop_rule_does_not_depend_on_the_order_of_the_rows(seed):
+    g, J, _, _, rng = drawn(seed)
+    one = RosenDrop().solve(DirectionProblem(g, J))
+    order = rng.permutation(len(J))
+    other = RosenDrop().solve(DirectionProblem(g, J[order]))
+    assert (one.status, one.iterations) == (other.status, other.iterations)
+    np.testing.assert_allclose(other.value, one.value, atol=1e-12 * max(1.0, float(np.abs(g).max())))
