@@ -14,6 +14,7 @@ from .estimators import GPOMDP, Estimate, Estimation, ExactGradient, GradientEst
 from .learners import CPGRL, ConstraintSwitching, GradientWithRestoration, Learner, LearnerUpdate, WeightedSum
 from .parallel import map_runs
 from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
+from .rollout import RolloutError
 from .training import DivergenceError, TrainingRecord, train, uniform_parameters
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "LinearSoftmax",
     "NormalizedGaussianNetwork",
     "Policy",
+    "RolloutError",
     "SoftmaxTable",
     "TrainingRecord",
     "WeightedSum",

@@ -80,6 +80,8 @@ def train(
     streams = [run_streams(seed, run) for run in indices]
     parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
     estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
+    if not isinstance(estimation, Estimation):
+        raise ValueError(f"the estimator's start should return an Estimation (episode); found {estimation!r}")
     course = _Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
     return _records(estimation, learner, parameters, course)
 
@@ -132,7 +134,7 @@ def _estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], cou
         if isinstance(error, PolicyError):
             raise DivergenceError(f"{error}. If that is large: {_ADVICE[0].lower()}{_ADVICE[1:]}") from error
         raise
-    if not isinstance(estimate, Estimate):
+    if not all(hasattr(estimate, name) for name in ("values", "gradients", "rewards")):
         raise ValueError(f"the estimator's episode should return an Estimate; found {estimate!r}")
     return estimate
 
@@ -160,9 +162,9 @@ def _finite(estimate: Estimate, parameters: Float[np.ndarray, "B n"], course: _C
         ) from error
 
 
-def _require_update(update: object, parameters: Float[np.ndarray, "B n"]) -> None:
+def _require_update(update: Any, parameters: Float[np.ndarray, "B n"]) -> None:
     """ValueError unless a learner's answer holds a change for each θ: another shape would spread over the runs."""
-    if not isinstance(update, LearnerUpdate):
+    if not hasattr(update, "change"):
         raise ValueError(f"the learner's update should return a LearnerUpdate; found {update!r}")
     change = np.asarray(update.change)
     if change.shape != parameters.shape or change.dtype.kind not in "fiu":
@@ -201,7 +203,7 @@ def _first_parameters(
     policy: Policy, initial: Initial | None, rngs: Sequence[np.random.Generator]
 ) -> Float[np.ndarray, "B n"]:
     if initial is None:
-        return np.array([policy.parameters for _ in rngs])
+        return np.array([parameter_vector(policy.parameters, np.size(policy.parameters)) for _ in rngs])
     return np.array([policy.with_parameters(_drawn(initial, rng, len(policy.parameters))).parameters for rng in rngs])
 
 

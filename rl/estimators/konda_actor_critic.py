@@ -78,7 +78,7 @@ class KondaActorCritic:
         require_gradient(self.gradient)
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
-        """Compiled where environment and policy allow it, generic otherwise."""
+        """Compiled where kernels stand for environment and policy (`compiled_path`), generic otherwise."""
         require_one_class(environment, policy, self.average)
         mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
         if mdp is not None and isinstance(policy, SoftmaxTable):
@@ -95,7 +95,7 @@ class KondaActorCritic:
 class RolloutKonda:
     """The generic path: any Gymnasium environment with vector rewards, any policy; a plain loop.
 
-    One environment serves all runs: each episode resets it with a seed from the run's own stream.
+    One environment serves all runs: each episode resets it with a seed from the run's own stream (`rollout.episode`).
     """
 
     def __init__(

@@ -17,6 +17,8 @@ class LinearGaussian:
     """u ~ N(Θᵀφ(x), σ²I);   ψ = φ(x) ⊗ (u − Θᵀφ(x)) / σ².
 
     features: φ(x), (k,), finite; Θ: (k, d), θ its rows one after the other; deviation σ > 0 in the unit of u.
+    u is taken as drawn, and ψ is of that u: whatever rounds it to the action space's dtype or clips it to the bounds,
+    as gymnasium.wrappers.ClipAction, does so behind the policy.
     Source: Williams (1992), §6; the shape of the paper's §4.1 policy.
     """
 

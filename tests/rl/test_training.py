@@ -263,6 +263,15 @@ def test_an_estimator_that_returns_no_estimate_is_refused() -> None:
         list(train(ThreeStateMDP(), SoftmaxTable(3, 3), Silent(), WeightedSum(), episodes=1, runs=1))  # type: ignore[arg-type]
 
 
+def test_an_estimator_that_starts_nothing_is_refused_at_once() -> None:
+    class Idle:
+        def start(self, *_: object) -> None:
+            return None
+
+    with pytest.raises(ValueError, match=r"the estimator's start should return an Estimation .*; found None"):
+        train(ThreeStateMDP(), SoftmaxTable(3, 3), Idle(), WeightedSum(), episodes=1, runs=1)  # type: ignore[arg-type]
+
+
 def test_importing_rl_is_light() -> None:
     heavy = ("numba", "joblib", "matplotlib", "scipy.optimize", "osqp", "qpsolvers", "cvxpy", "gymnasium")
     code = f"import sys, rl; print([name for name in {heavy} if name in sys.modules])"
