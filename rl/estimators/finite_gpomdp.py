@@ -88,7 +88,7 @@ class FiniteGPOMDP:
             gradients,
             rewards,
         )
-        if self.average.corrects:
+        if not self.average.settled:
             self.average.totals[:] += self.gain * (1.0 - self.average.totals)
         return Estimate(self.average.store(rewards), gradients, self.taken.copy(), rewards, self.events.copy())
 

@@ -35,7 +35,7 @@ class ReportedGradient:
     As long as a run's episodes are equally long, N̄ = N and ∇E[N] is 0: there ρ is not subtracted, and Δ is the mean
     over the episode, bit for bit eq. 3 or 5. Where they differ it is the estimate with the least noise of those tried:
     with terminal states and E[N] = 10 to 100, β = 0.99 and 0.999, a baseline that vanishes at N = N̄ exactly, as
-    ρ (N − N̄) Σ_t ψ_t or its discounted form, has a standard deviation of 1.2 to 8 times this one's.
+    ρ (N − N̄) Σ_t ψ_t or its discounted form, has a standard deviation of 1.2 to 16 times this one's.
 
     The mean over the episode's own N updates, "episode mean", is what the paper prints in eq. 3 and 5. Its expectation
     is about ∇E[R/N], which is neither report's gradient unless all episodes are equally long.
