@@ -18,8 +18,9 @@ def standard_output() -> Iterator[None]:
     What the command printed is written when the context ends. Where that is impossible the process exits: with
     NOBODY_READS if the reader left, as `head` does, and with WRONG_USE and one line on stderr if the disk is full.
     """
-    if sys.stdout is None:  # closed by the caller: `>&-`
-        sys.stdout = io.StringIO()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller: `>&-`
+            setattr(sys, name, io.StringIO())
     for stream in (sys.stdout, sys.stderr):
         # The C locale's surrogateescape writes names of files as they are, but refuses λ as strict does.
         if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):

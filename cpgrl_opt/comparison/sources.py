@@ -47,7 +47,7 @@ def sources_of(module: str, *, apart: str = "") -> Sources:
             waiting += _imported(name, path, found[name])
     digest = hashlib.sha256()
     for name, content in sorted(found.items()):
-        digest.update(f"{name} {len(content)}\n".encode() + content)
+        digest.update(f"{name} {len(content)}\n".encode(errors="surrogateescape") + content)
     return Sources(digest.hexdigest(), tuple(sorted(found)), tuple(sorted(installed)))
 
 

@@ -107,9 +107,11 @@ def test_a_reader_that_left_ends_the_command_without_a_word():
     assert (ended.returncode, ended.stderr) == (141, b"")
 
 
-def test_a_closed_standard_output_is_no_error(monkeypatch):
-    monkeypatch.setattr(sys, "stdout", None)
-    monkeypatch.setattr(sys, "argv", ["cpgrl", "--version"])
+@pytest.mark.parametrize(("word", "code"), [("--version", 0), ("reproduc", 2)])
+def test_closed_streams_are_no_error(word, code, monkeypatch):
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, None)
+    monkeypatch.setattr(sys, "argv", ["cpgrl", word])
     with pytest.raises(SystemExit) as ended:
         main()
-    assert ended.value.code == 0
+    assert ended.value.code == code

@@ -1,5 +1,6 @@
 """Ctrl-C during a compiled call is neither lost nor turned into another error."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import threading
 
 import pytest
 
+from cpgrl_opt._process_group import exit_on_termination
 from rl.interrupts import InterruptsHeld
 
 pytestmark = pytest.mark.usefixtures("hears_interrupts")
@@ -40,6 +42,24 @@ def test_an_interrupt_that_is_ignored_stays_ignored():
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, previous)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGHUP")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_request_to_end_waits_too_where_it_raises_and_ends_the_process_where_it_does_not(number):
+    reached = []
+
+    def work():
+        with InterruptsHeld():
+            signal.raise_signal(number)
+            reached.append("the end")
+
+    with pytest.raises(SystemExit) as ended, exit_on_termination():
+        work()
+    assert ended.value.code == 128 + number
+    assert reached == ["the end"]
+    with InterruptsHeld():
+        assert signal.getsignal(number) == signal.SIG_DFL
 
 
 def test_other_threads_are_let_through():
