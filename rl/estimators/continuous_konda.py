@@ -55,8 +55,7 @@ class ContinuousKonda:
         """One episode of each run."""
         own = (*self.rates, self.centred, self.average.per_step, self.average.totals, self.exchanged_critics)
         means, rewards, steps, events = self.rollout.advance(parameters, own)
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
-            gradients = self.reported.convert(means, steps, rewards)
+        gradients = self.reported.convert(means, steps, rewards)
         return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
 
 

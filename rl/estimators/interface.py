@@ -16,9 +16,10 @@ from ..policies import Policy
 class Estimate:
     """ρⁱ and Δⁱ of B runs after an episode each, and what the episodes were like. Fresh arrays every time.
 
-    values: (B, 1 + m), ρ per step; gradients: (B, 1 + m, n); steps: (B,), environment steps taken;
-    rewards: (B, 1 + m), each channel's sum over the episode; events: (B,), how the episode ended as the environment
-    counts it, 0 at its time limit. An estimator that does not sample has zeros in the last three.
+    values: (B, 1 + m), ρ per step or per episode, as the estimator's settings say; gradients: (B, 1 + m, n), theirs;
+    steps: (B,), environment steps taken; rewards: (B, 1 + m), each channel's sum over the episode; events: (B,), how
+    the episode ended as the environment counts it, 0 at its time limit. An estimator that does not sample has zeros in
+    the last three.
     """
 
     values: Float[np.ndarray, "B channels"]

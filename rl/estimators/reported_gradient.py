@@ -67,6 +67,12 @@ class ReportedGradient:
         """
         if self.as_printed:
             return means
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
+            return self._convert(means, updates, rewards, spans)
+
+    def _convert(
+        self, means: np.ndarray, updates: np.ndarray, rewards: np.ndarray, spans: np.ndarray | None
+    ) -> Float[np.ndarray, "B channels n"]:
         own, earlier = np.asarray(updates, dtype=np.float64), self.lengths
         if self.weight.count:
             self.unequal |= own != earlier
