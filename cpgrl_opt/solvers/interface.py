@@ -20,6 +20,7 @@ from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_r
 from .asking import ask, ask_batch
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
+_LEAST_IN_SINGLE = 4 * 2.0**-23  # rounding d to float32 leaves half an eps of each number, and as much in a product
 LARGEST_TOLERANCE = 1e-3  # residuals are relative: at 1, d = g with μ = 0 passes for an optimum everywhere
 # A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
 _FAR = 100.0
@@ -33,7 +34,9 @@ class DirectionSolver(Protocol):
     `supports(problem) -> bool` (undeclared: equalities, cone and bounds), `solve_batch(problems)`,
     `guarantee` and `source` (one line each, for the table of solvers), `takes_geometry` (True: problems with a metric
     or a radius too; `WithGeometry(solver)` makes any solver take them), `declines_by_itself` (True: its `solve_batch`
-    calls UNSUPPORTED what `supports` does not take, so that no loop over the problems need ask before).
+    calls UNSUPPORTED what `supports` does not take, so that no loop over the problems need ask before),
+    `finds_infeasible` (False: it cannot tell that no direction meets the constraints, and claims nothing there),
+    `dtype` ("float32": it computes in float32, and the conformance kit gives it problems that float32 holds).
     """
 
     def solve(self, problem: DirectionProblem) -> Direction:
@@ -149,7 +152,10 @@ class UnusablePackageError(MissingPackageError):
 
 
 def tolerance_of(solver: DirectionSolver) -> float:
-    """The worst KKT residual that the solver allows an OPTIMAL answer; ValueError unless in (0, 1e-3]."""
+    """The worst KKT residual that the solver allows an OPTIMAL answer; ValueError unless in (0, 1e-3].
+
+    At least 4 eps of float32 where the solver says that it computes in it.
+    """
     declared: Any = getattr(solver, "tolerance", DEFAULT_TOLERANCE)
     try:
         tolerance = float(declared)
@@ -157,7 +163,22 @@ def tolerance_of(solver: DirectionSolver) -> float:
         tolerance = math.nan
     if not 0 < tolerance <= LARGEST_TOLERANCE:
         raise ValueError(f"tolerance should be a number in (0, {LARGEST_TOLERANCE:g}]; found {declared!r}")
-    return tolerance
+    return max(tolerance, _LEAST_IN_SINGLE) if computes_in_single(solver) else tolerance
+
+
+def finds_infeasible(solver: DirectionSolver) -> bool:
+    """Whether the solver calls INFEASIBLE what is; it does unless it says `finds_infeasible = False`."""
+    return bool(getattr(solver, "finds_infeasible", True))
+
+
+def computes_in_single(solver: DirectionSolver) -> bool:
+    """Whether the solver says `dtype = "float32"`."""
+    return is_single(getattr(solver, "dtype", None))
+
+
+def is_single(dtype: Any) -> bool:
+    """Whether it is float32: a name, or NumPy's, PyTorch's or JAX's."""
+    return str(dtype).rpartition(".")[2].strip("'<>") == "float32"
 
 
 def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:

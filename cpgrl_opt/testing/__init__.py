@@ -30,6 +30,7 @@ from .conduct import (
     check_non_finite_is_refused,
     check_silence,
 )
+from .domain import supported_cases
 from .families import FAMILIES, Family, hostile_problems, well_posed_problems
 from .geometries import problems_in_geometry, problems_out_of_reach
 from .honesty import (
@@ -47,7 +48,7 @@ from .invariance import (
     check_scaling,
 )
 from .law import LawBroken, Outcome
-from .laws import LAWS, Law, supported_cases
+from .laws import LAWS, Law
 from .optimality import (
     check_agreement_with_enumeration,
     check_complementarity,

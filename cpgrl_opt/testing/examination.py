@@ -3,17 +3,20 @@
 import random
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, Verbosity, configuration, given, seed, settings
+from hypothesis.errors import Unsatisfiable
 
-from ..solvers.interface import DirectionSolver
-from .law import LawBroken, Outcome
+from ..problem import DirectionProblem
+from ..solvers.interface import DirectionSolver, tolerance_of
+from .domain import traits_of
+from .law import LawBroken, Outcome, takes
 from .laws import Law
 from .strategies import Case
 
@@ -21,19 +24,28 @@ from .strategies import Case
 _SHRINKING_CALLS = 400
 # Problems kept for the next solver, a few kilobytes each.
 _MOST_KEPT = 20_000
+# Problems in a row that a solver does not take, until no more are drawn: of 1 in 100 some are found nearly always.
+_MOST_REFUSED = 300
 _Judge = Callable[[dict[str, Any]], object]
 
 
 @dataclass
 class Examination:
-    """Counts of outcomes, and of what broke the law: its smallest arguments and message."""
+    """Counts of outcomes, and of what broke the law: its smallest arguments and message.
+
+    untaken: of those skipped, the problems that the solver's `supports` does not take.
+    """
 
     held: int = 0
     declined: int = 0
     skipped: int = 0
+    untaken: int = 0
     broken: int = 0
     arguments: dict[str, Any] = field(default_factory=dict)
     message: str = ""
+    tolerance: float = 0.0
+    _unsupported: list[set[Hashable]] = field(default_factory=list)
+    _answered: set[Hashable] = field(default_factory=set)
 
     @property
     def run(self) -> int:
@@ -44,13 +56,38 @@ class Examination:
         """Puts the law to the solver once and counts the outcome; what broke it, if anything did."""
         try:
             outcome = _outcome(law, solver, arguments)
+            self._require_one_tolerance(solver)
         except LawBroken as broken:
             self.broken += 1
+            self.message = self.message or str(broken)
             return broken
         self.held += outcome == Outcome.HELD
         self.declined += outcome == Outcome.DECLINED
         self.skipped += outcome == Outcome.SKIPPED
+        if outcome == Outcome.SKIPPED:
+            self.untaken += not _are_taken(solver, arguments)
+        for problem in _problems_in(arguments)[:1]:
+            if outcome == Outcome.UNSUPPORTED:
+                self._unsupported.append(traits_of(problem))
+            elif outcome != Outcome.SKIPPED:
+                self._answered |= traits_of(problem)
         return None
+
+    def settle(self) -> None:
+        """Count what was called UNSUPPORTED: skipped where that is a limit of the solver's, else declined.
+
+        A limit shows in a trait of the problem, such as n or the kind of constraints, with which none was answered.
+        """
+        for traits in self._unsupported:
+            self.declined += traits <= self._answered
+            self.skipped += not traits <= self._answered
+        self._unsupported.clear()
+
+    def _require_one_tolerance(self, solver: DirectionSolver) -> None:
+        tolerance = tolerance_of(solver)
+        self.tolerance = self.tolerance or tolerance
+        if tolerance != self.tolerance:
+            raise LawBroken(f"tolerance should be one number; found {self.tolerance:g}, then {tolerance:g}")
 
 
 def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int) -> Examination:
@@ -59,11 +96,14 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
     Then, where the law broke, the same draws again up to the first failure, and from there to the smallest.
     """
     found = Examination()
-    draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
     with _traceless():
+        draws, found.untaken = _draws_for(law, solver, max_examples, number)
+        found.skipped = found.untaken
         draws.each(partial(found.count, law, solver))
+        found.settle()
         if found.broken:
-            found.arguments, found.message = _smallest(law, solver, draws)
+            found.arguments, message = _smallest(law, solver, draws)
+            found.message = message if found.arguments else f"{found.message}\n    ({message})"
     return found
 
 
@@ -76,24 +116,53 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
             found.arguments, found.message = arguments, str(broken)
             raise _Enough
 
-    draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
     with _traceless(), suppress(_Enough):
-        draws.searched(judge, Phase.generate)
+        _draws_for(law, solver, max_examples, number)[0].searched(judge, Phase.generate)
+    found.settle()
     return found
+
+
+def _draws_for(law: Law, solver: DirectionSolver, max_examples: int, number: int) -> tuple["_Draws", int]:
+    """The problems that all solvers get, and 0; where this one takes less than half of them, as many that it takes.
+
+    And how many it did not take, of the first hundred.
+    """
+    draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
+    sample = replace(draws, max_examples=min(max_examples, 100))._kept()
+    untaken = sum(not _are_taken(solver, arguments) for arguments in sample)
+    return (draws, 0) if 2 * untaken <= len(sample) else (replace(draws, solver=solver), untaken)
+
+
+def _are_taken(solver: DirectionSolver, arguments: dict[str, Any]) -> bool:
+    """Whether the law may put them to the solver; one whose `supports` raises is reported by the law."""
+    try:
+        return all(takes(solver, problem) for problem in _problems_in(arguments))
+    except LawBroken:
+        return True
+
+
+def _problems_in(arguments: dict[str, Any]) -> list[DirectionProblem]:
+    """The problem of the law, or all of its batch."""
+    problems = arguments.get("problems", [arguments.get("problem")])
+    return [problem for problem in problems if isinstance(problem, DirectionProblem)]
 
 
 @dataclass(frozen=True)
 class _Draws:
-    """The same arguments each time they are gone through, as long as nothing fails."""
+    """The same arguments each time they are gone through, as long as nothing fails.
+
+    solver: only what it takes is drawn, for as long as that is found at all.
+    """
 
     law: Law
     cases: tuple[Case, ...]
     max_examples: int
     number: int
+    solver: DirectionSolver | None = field(default=None, compare=False)
 
     def each(self, judge: _Judge) -> None:
         """All of them, kept for the next solver unless they are too many: drawing takes longer than solving."""
-        if self.max_examples > _MOST_KEPT:
+        if self.max_examples > _MOST_KEPT or self.solver is not None:
             self.searched(judge, Phase.generate)
             return
         for arguments in self._kept():
@@ -122,12 +191,35 @@ class _Draws:
         def asked(arguments: dict[str, Any]) -> None:
             judge(arguments)
 
-        test: Callable[[], None] = chosen(given(self.law.arguments(self.cases))(asked))
-        seed(zlib.crc32(self.law.name.encode()) + self.number)(test)()
+        drawn = self.law.arguments(self.cases)
+        if self.solver is not None:
+            drawn = drawn.filter(_taken_by(self.solver))
+        test: Callable[[], None] = chosen(given(drawn)(asked))
+        with suppress(Unsatisfiable, _TakesNone):
+            seed(zlib.crc32(self.law.name.encode()) + self.number)(test)()
 
 
 class _Enough(KeyboardInterrupt):
     """Ends the search: the one kind of exception that Hypothesis does not take for a failure of the test."""
+
+
+class _TakesNone(_Enough):
+    """The solver takes none, or hardly any, of the problems drawn."""
+
+
+def _taken_by(solver: DirectionSolver) -> Callable[[dict[str, Any]], bool]:
+    """Whether the solver takes the problems; `_TakesNone` after many in a row that it does not."""
+    refused = 0
+
+    def is_taken(arguments: dict[str, Any]) -> bool:
+        nonlocal refused
+        taken = _are_taken(solver, arguments)
+        refused = 0 if taken else refused + 1
+        if refused == _MOST_REFUSED:
+            raise _TakesNone
+        return taken
+
+    return is_taken
 
 
 def _smallest(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[str, Any], str]:

@@ -15,6 +15,7 @@ from .law import (
     described,
     law,
     length,
+    nothing_claimed,
     reference_optimum,
     require_at_most,
     varied,
@@ -59,7 +60,7 @@ def check_feasible_is_not_called_infeasible(solver: DirectionSolver, problem: Di
             f"(y ≥ 0 on I, Jᵀy = 0, bᵀy > 0), and there is none{described(problem, answer)}"
         )
     if answer.status != Status.OPTIMAL:
-        raise NothingClaimed(Outcome.DECLINED)
+        raise nothing_claimed(answer)
 
 
 @law
@@ -154,7 +155,7 @@ def _infeasible(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
             f"its bound, and return INFEASIBLE with a Farkas vector{described(problem, answer)}"
         )
     if answer.status != Status.INFEASIBLE:
-        raise NothingClaimed(Outcome.DECLINED)
+        raise nothing_claimed(answer)
     return answer
 
 

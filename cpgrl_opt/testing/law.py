@@ -12,7 +12,9 @@ from ..arrays import Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem, lengths
 from ..solvers import SOLVERS
-from ..solvers.interface import DirectionSolver, supports, tolerance_of
+from ..solvers.interface import DirectionSolver, computes_in_single, is_single, supports, tolerance_of
+
+_LEAST_IN_SINGLE = float(np.finfo(np.float32).tiny)
 
 
 class Outcome(StrEnum):
@@ -21,6 +23,7 @@ class Outcome(StrEnum):
     HELD = "held"
     DECLINED = "declined"  # the solver claimed nothing about a problem that it takes
     SKIPPED = "skipped"  # the solver does not take the problem, or the law says nothing about it
+    UNSUPPORTED = "unsupported"  # the solver says only in its answer that it does not take the problem
 
 
 class LawBroken(AssertionError):  # noqa: N818 - the name says what happened
@@ -61,27 +64,44 @@ def law(check: Callable[..., None]) -> Callable[..., Outcome]:
 
 
 def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
-    """Whether the solver supports the problem; LawBroken where its `supports` raises."""
+    """Whether the solver supports the problem, asked twice; LawBroken where its `supports` raises or wavers.
+
+    A solver that says that it computes in float32 takes what float32 holds.
+    """
     try:
-        return supports(solver, problem)
+        said = [supports(solver, problem) for _ in range(2)]
     except Exception as error:
         raise LawBroken(
             f"supports should say True or False of a valid problem; it raised {type(error).__name__}: {error}"
             f"{described(problem)}"
         ) from error
+    if said[0] != said[1]:
+        raise LawBroken(
+            f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
+            f"{described(problem)}"
+        )
+    return said[0] and (not computes_in_single(solver) or is_held_in_single(problem))
 
 
 def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
-    """The solver's answer, of whatever status. LawBroken when it raises or is malformed; skips what is unsupported."""
+    """The solver's answer, of whatever status. LawBroken when it raises or is malformed; skips what is unsupported.
+
+    An answer in float32 to a problem with numbers that float32 does not hold is an answer to another problem: skipped.
+    """
     if not takes(solver, problem):
         raise NothingClaimed(Outcome.SKIPPED)
     try:
         direction = solver.solve(problem)
     except Exception as error:
+        notes = [f" ({note})" for note in getattr(error, "__notes__", ())]
+        if not is_held_in_single(problem):
+            notes.append(" (A solver that computes in float32 should say so: dtype = 'float32')")
         raise LawBroken(
             f"solve should answer a valid problem with a Direction and a Status; it raised "
-            f"{type(error).__name__}: {error}{described(problem)}"
+            f"{type(error).__name__}: {error}{''.join(notes)}{described(problem)}"
         ) from error
+    if is_single(getattr(getattr(direction, "value", None), "dtype", None)) and not is_held_in_single(problem):
+        raise NothingClaimed(Outcome.SKIPPED)
     return checked_answer(problem, direction)
 
 
@@ -114,8 +134,13 @@ def optimum_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
     """The answer where the solver calls it OPTIMAL; anything else it declined."""
     answer = answer_of(solver, problem)
     if answer.status != Status.OPTIMAL:
-        raise NothingClaimed(Outcome.SKIPPED if answer.status == Status.UNSUPPORTED else Outcome.DECLINED)
+        raise nothing_claimed(answer)
     return answer
+
+
+def nothing_claimed(answer: Answer) -> NothingClaimed:
+    """What to raise where the status claims nothing that the law is about."""
+    return NothingClaimed(Outcome.UNSUPPORTED if answer.status == Status.UNSUPPORTED else Outcome.DECLINED)
 
 
 def reference_optimum(problem: DirectionProblem) -> tuple[Answer, float]:
@@ -135,6 +160,18 @@ def require_at_most(
         raise LawBroken(
             f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}{described(problem, *answers)}"
         )
+
+
+def is_held_in_single(problem: DirectionProblem) -> bool:
+    """Whether all numbers of the problem are normal float32 numbers, or 0 or −∞."""
+    for part in (problem.gradient, problem.jacobian, problem.bound, problem.metric, problem.radius):
+        numbers = np.asarray(0.0 if part is None else part)
+        if not (np.abs(numbers[(numbers != 0) & (numbers > -np.inf)]) >= _LEAST_IN_SINGLE).all():
+            return False
+        with np.errstate(over="ignore"):
+            if not (numbers.astype(np.float32) == numbers).all():
+                return False
+    return True
 
 
 def length(vector: np.ndarray) -> float:

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
 from . import conduct, honesty, invariance, optimality, projection_laws, sequences
+from .domain import supported_cases
 from .families import feasible_gradients, hostile_problems, well_posed_problems
 from .geometries import constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
-from .law import Outcome, takes, varied
+from .law import Outcome
 from .strategies import (
     ALL_CASES,
     GEOMETRIES,
@@ -43,7 +44,8 @@ class Law:
 
     cases: those that the law speaks about, a limit where it says something about problems so limited. needs: whether
     the solver has what the law is about; else it is excused.
-    may_decline: the problems include some that no solver need answer.
+    may_decline: the problems include some that no solver need answer. about_infeasible: none of them has an answer, so
+    a solver that says `finds_infeasible = False` may decline.
     """
 
     check: Callable[..., Outcome]
@@ -51,6 +53,7 @@ class Law:
     cases: tuple[Case, ...] = _ANY
     needs: Callable[[DirectionSolver], bool] | None = None
     may_decline: bool = False
+    about_infeasible: bool = False
 
     @property
     def name(self) -> str:
@@ -71,48 +74,6 @@ class Law:
             return []
         cases = [case for case in supported if case in self.cases]
         return cases if any(case in ALL_CASES for case in cases) else []
-
-
-def supported_cases(solver: DirectionSolver) -> list[Case]:
-    """The cases for which the solver's `supports` takes a small example, the five of constraints if it has none.
-
-    A geometry where it takes an example of any constraints that it takes. Where it takes no example at all, those of
-    one row, those in a ball, and those of one row in a ball are tried, and the limits come with the cases. Raises
-    LawBroken where `supports` raises.
-    """
-    limits: tuple[Case, ...]
-    for limits in ((), (Case.ONE_ROW,), (Case.BALL,), LIMITS):
-        kinds = [case for case in ALL_CASES if case != Case.MIXED or Case.ONE_ROW not in limits]
-        constraints = [case for case in kinds if takes(solver, _example(case, limits))]
-        if constraints:
-            examples = [_example(case, limits) for case in constraints]
-            return [*constraints, *_supported_geometries(solver, examples, limits), *limits]
-    return []
-
-
-def _supported_geometries(
-    solver: DirectionSolver, examples: list[DirectionProblem], limits: Collection[Case]
-) -> list[Case]:
-    if Case.BALL in limits:
-        return [Case.RADIUS]
-    geometries: dict[Case, dict[str, Any]] = {Case.METRIC: {"metric": [1.0, 2.0, 3.0]}, Case.RADIUS: {"radius": 2.0}}
-    return [
-        case
-        for case, settings in geometries.items()
-        if any(takes(solver, varied(example, **settings)) for example in examples)
-    ]
-
-
-def _example(case: Case, limits: Collection[Case]) -> DirectionProblem:
-    rows = slice(0, 1 if Case.ONE_ROW in limits else 2)
-    equality = {Case.TANGENT: [True, True], Case.AFFINE: [True, True], Case.MIXED: [True, False]}
-    return DirectionProblem(
-        [1.0, 2.0, 3.0],
-        [[1.0, 0.0, 1.0], [0.0, 1.0, -1.0]][rows],
-        1.0 if case.is_shifted else 0.0,
-        equality.get(case, [False, False])[rows],
-        radius=2.0 if Case.BALL in limits else None,
-    )
 
 
 def _well_posed(cases: Collection[Case]) -> Arguments:
@@ -242,8 +203,19 @@ _TABLE = (
     Law(invariance.check_inactive_row, _with_row, (*_WITH_INEQUALITIES, Case.BALL)),
     Law(invariance.check_rotation, _with_rotation),
     Law(honesty.check_feasible_is_not_called_infeasible, _well_posed),
-    Law(honesty.check_infeasible_is_called_infeasible, _infeasible, (*SHIFTED_CASES, *GEOMETRIES, *LIMITS)),
-    Law(honesty.check_least_violation, _infeasible, (*SHIFTED_CASES, Case.METRIC, *LIMITS), needs=_violates_in_part),
+    Law(
+        honesty.check_infeasible_is_called_infeasible,
+        _infeasible,
+        (*SHIFTED_CASES, *GEOMETRIES, *LIMITS),
+        about_infeasible=True,
+    ),
+    Law(
+        honesty.check_least_violation,
+        _infeasible,
+        (*SHIFTED_CASES, Case.METRIC, *LIMITS),
+        needs=_violates_in_part,
+        about_infeasible=True,
+    ),
     Law(conduct.check_non_finite_is_refused, _with_bad_number),
     Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
     Law(conduct.check_answers_repeat, _two_problems, may_decline=True),

@@ -8,8 +8,9 @@ from hypothesis import settings
 
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
+from .domain import supported_cases
 from .law import LawBroken
-from .laws import LAWS, Law, supported_cases
+from .laws import LAWS, Law
 from .verdict import CheckResult, check_law
 
 

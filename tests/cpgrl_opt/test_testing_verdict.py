@@ -21,6 +21,7 @@ from cpgrl_opt.testing import (
     check_idempotence,
     check_scaling,
     check_stationarity,
+    domain,
     parametrize_with_checks,
     supported_cases,
 )
@@ -149,9 +150,14 @@ def test_a_solver_that_draws_from_the_global_generators_gets_the_same_verdict_ea
     assert seen.pop()[-1], "NumPy's global generator is the caller's"
 
 
+def is_example(problem):
+    """Whether it is one of those by which the kit finds out what a solver takes."""
+    return any(problem is each for each in domain._examples())
+
+
 def test_a_check_that_ran_on_nothing_is_not_passed():
-    """`supports` takes the small example of each case but none of the problems."""
-    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=lambda problem: problem.n == 3 and problem.m == 2)
+    """`supports` takes an example of each case but none of the problems."""
+    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=is_example)
     verdict = check_direction_solver(choosy, checks=["check_stationarity"], max_examples=10)
     assert not verdict.passed
     assert verdict["check_stationarity"].run == 0
@@ -179,7 +185,7 @@ def test_items_of_a_solver_that_takes_nothing_fail_instead_of_being_skipped():
 
 
 def test_a_declared_failure_does_not_excuse_a_law_that_was_put_to_no_problem():
-    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=lambda problem: problem.n == 3 and problem.m == 2)
+    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=is_example)
     check, excuse = "check_stationarity", {"check_stationarity": "is bound to break"}
     verdict = check_direction_solver(choosy, checks=[check], expected_failures=excuse, max_examples=5)
     assert not verdict.passed
@@ -201,7 +207,7 @@ def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
 @pytest.mark.parametrize("reason", ["", "is unfinished"])
 def test_a_supports_that_raises_is_a_failure_that_says_so_and_counts(problem_of_the_law, reason):
     def hesitant(problem):
-        if problem_of_the_law and problem.gradient.tolist() == [1.0, 2.0, 3.0]:
+        if problem_of_the_law and is_example(problem):
             return True
         raise KeyError("no such case")
 

@@ -1,0 +1,85 @@
+"""What a solver takes: asked of `supports` for examples of every kind and of every shape that is drawn often."""
+
+from collections.abc import Hashable, Iterator
+from functools import cache
+
+import numpy as np
+
+from ..problem import DirectionProblem
+from ..solvers.interface import DirectionSolver
+from .law import takes, varied
+from .strategies import ALL_CASES, SHAPES, Case
+
+
+def supported_cases(solver: DirectionSolver) -> list[Case]:
+    """The cases of which the solver's `supports` takes an example, the five of constraints if it has none.
+
+    And what all examples that it takes have in common: one row at most, a ball. Raises LawBroken where `supports`
+    raises, or contradicts itself.
+    """
+    taken = [problem for problem in _examples() if takes(solver, problem)]
+    if not taken:
+        return []
+    constraints = {case_of(problem) for problem in taken}
+    cases = [case for case in ALL_CASES if case in constraints]
+    if any(problem.metric is not None for problem in taken):
+        cases.append(Case.METRIC)
+    if any(problem.radius is not None for problem in taken):
+        cases.append(Case.RADIUS)
+    if all(problem.m <= 1 for problem in taken):
+        cases.append(Case.ONE_ROW)
+    if all(problem.radius is not None for problem in taken):
+        cases.append(Case.BALL)
+    return cases
+
+
+def case_of(problem: DirectionProblem) -> Case:
+    """The kind of constraints, of the rows that are switched on."""
+    on = problem.bound > -np.inf
+    equality, is_shifted = problem.equality[on], bool(problem.bound[on].any())
+    if equality.any() and not equality.all():
+        return Case.MIXED
+    if equality.any():
+        return Case.AFFINE if is_shifted else Case.TANGENT
+    return Case.BOUNDS if is_shifted else Case.CONE
+
+
+def traits_of(problem: DirectionProblem) -> set[Hashable]:
+    """What a solver's limits are usually about: each by its name and value."""
+    return {
+        ("n", problem.n),
+        ("m", problem.m),
+        ("rows that are on", int((problem.bound > -np.inf).sum())),
+        ("case", case_of(problem)),
+        ("metric", problem.metric is not None),
+        ("radius", problem.radius is not None),
+    }
+
+
+@cache
+def _examples() -> tuple[DirectionProblem, ...]:
+    """Each kind of constraints in each shape: as it is, in a metric and in a ball; b of either sign, and b ≤ 0."""
+    rng = np.random.default_rng(0)
+    problems: list[DirectionProblem] = []
+    for n, m in dict.fromkeys((*SHAPES, *((n, 1) for n, _ in SHAPES))):
+        for problem in _of_shape(n, m, rng):
+            problems += [
+                problem,
+                varied(problem, metric=rng.choice([0.5, 1.0, 2.0], n)),
+                varied(problem, radius=100.0 * n),
+            ]
+    return tuple(problems)
+
+
+def _of_shape(n: int, m: int, rng: np.random.Generator) -> Iterator[DirectionProblem]:
+    for case in ALL_CASES:
+        if case == Case.MIXED and m < 2:
+            continue
+        equality = np.full(m, case in (Case.TANGENT, Case.AFFINE))
+        if case == Case.MIXED:
+            equality[rng.permutation(m)[: m // 2]] = True
+        for point in (rng.integers(1, 9, n), np.zeros(n))[: 2 if case in (Case.BOUNDS, Case.MIXED) else 1]:
+            jacobian = rng.integers(1, 9, (m, n)) * rng.choice([-1.0, 1.0], (m, n))
+            slack = np.where(equality, 0.0, rng.integers(1, 9, m))
+            bound = jacobian @ point - slack if case.is_shifted else np.zeros(m)
+            yield DirectionProblem(rng.integers(1, 9, n), jacobian, bound, equality)
