@@ -131,7 +131,7 @@ import re, resource, sys
 from pathlib import Path
 from cpgrl_opt.comparison.recording import load_recording
 size = int(re.search(r"VmSize:\\s+(\\d+)", Path("/proc/self/status").read_text()).group(1)) << 10
-resource.setrlimit(resource.RLIMIT_AS, (size + (150 << 20),) * 2)
+resource.setrlimit(resource.RLIMIT_AS, (size + (100 << 20),) * 2)
 try:
     load_recording(sys.argv[1])
 except ValueError as error:
@@ -143,9 +143,9 @@ except ValueError as error:
 @pytest.mark.parametrize(("name", "what"), [("junk", "what no recording has"), ("gradient", "bytes that unpack to")])
 def test_a_small_file_that_unpacks_to_much_is_refused_in_little_memory(name, what, members, tmp_path):
     path = tmp_path / "bomb.npz"
-    rows = 300_000
+    rows = 150_000
     path.write_bytes(packed(members | {name: npy(np.zeros((rows, 125)))}))
-    assert path.stat().st_size < 400_000
+    assert path.stat().st_size < 200_000
     command = [sys.executable, "-c", BOMB, str(path)]
     ended = subprocess.run(command, timeout=120, check=False, stderr=subprocess.PIPE, text=True)
     assert ended.returncode == 1

@@ -31,34 +31,36 @@ def printed(arguments, encoding, errors, monkeypatch):
     return ended.value.code, stream.buffer.getvalue().decode(encoding)
 
 
-@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream[0])
+COMMANDS = [
+    (["solvers"], "active-set", STREAMS),
+    ([*COMPARE, "--families", "zero-rows", "--out", "out"], "active-set", STREAMS[1:]),  # cp1252 has its × and –
+    ([*REPRODUCE, "--out", "out"], "claims hold", STREAMS),
+    (["export", RECORDING, "λ.parquet"], "?.parquet", STREAMS[1:]),
+]
+
+
 @pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["solvers"], "active-set"),
-        ([*COMPARE, "--families", "zero-rows", "--out", "out"], "active-set"),
-        ([*REPRODUCE, "--out", "out"], "claims hold"),
-        (["export", RECORDING, "λ.parquet"], "?.parquet"),
-    ],
-    ids=lambda value: value[0] if isinstance(value, list) else "",
+    ("arguments", "told", "stream"),
+    [pytest.param(*case, stream, id=f"{case[0][0]}-{stream[0]}") for *case, streams in COMMANDS for stream in streams],
 )
 def test_every_command_prints_with_question_marks_for_what_the_encoding_lacks(
     arguments, told, stream, tmp_path, monkeypatch
 ):
     if arguments[0] == "export":
         pytest.importorskip("pyarrow")
+    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     code, output = printed(arguments, *stream, monkeypatch)
     assert code == 0
     assert told in output
-    assert "?" in output or stream[0] != "ascii"
+    assert "?" in output
 
 
 def test_a_failed_check_prints_its_verdict_and_exits_with_1(tmp_path, monkeypatch):
     (tmp_path / "unprojected.py").write_text("def λ(g, J, b):\n    return g\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    code, output = printed(["check", "unprojected:λ", "--max-examples", 1], "cp1252", "strict", monkeypatch)
+    code, output = printed(["check", "unprojected:λ", "--max-examples", 10], "cp1252", "strict", monkeypatch)
     assert code == 1
     assert "unprojected:? does not pass" in output
 
