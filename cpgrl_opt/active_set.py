@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from .arrays import Bool, Float
-from .validation import require_nonnegative
+from .arrays import ArrayLike, Bool, Float, Number
+from .validation import real_values, require_nonnegative, require_number
 
 
 @runtime_checkable
@@ -23,27 +23,29 @@ class ActiveSetRule(Protocol):
 
 
 def violated(
-    slack: Float[np.ndarray, "*runs m"],
+    slack: ArrayLike,
     previous: Bool[np.ndarray, "*runs m"] | None = None,  # noqa: ARG001 - a rule without memory
     *,
-    margin: float = 0.0,
+    margin: Number = 0.0,
 ) -> Bool[np.ndarray, "*runs m"]:
     """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3)."""
     if margin != 0.0:
         require_nonnegative("margin", margin)
-    return np.asarray(slack) <= margin
+    return np.asarray(real_values("slack", slack) <= margin)
 
 
 def hysteresis(
-    slack: Float[np.ndarray, "*runs m"],
+    slack: ArrayLike,
     previous: Bool[np.ndarray, "*runs m"] | None = None,
     *,
-    enter: float = 0.0,
-    leave: float = 0.01,
+    enter: Number = 0.0,
+    leave: Number = 0.01,
 ) -> Bool[np.ndarray, "*runs m"]:
     """𝒜 = {i : slackᵢ ≤ enter} ∪ {i ∈ 𝒜_previous : slackᵢ ≤ leave}: noise about the threshold does not toggle it."""
+    for name, value in (("enter", enter), ("leave", leave)):
+        require_number(name, value)
     require_nonnegative("leave − enter", leave - enter)
-    slack = np.asarray(slack)
+    slack = real_values("slack", slack)
     entered = slack <= enter
     return entered if previous is None else entered | (previous & (slack <= leave))
 

@@ -26,8 +26,11 @@ else:
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike as ArrayLike
+
+    Number = float
 else:
     ArrayLike = object  # what comes in is validated by hand; beartype would refuse floats as numpy spells the union
+    Number = object  # NumPy's numbers too, and arrays of no axes
 
 Vector = Float[np.ndarray, "n"]
 Jacobian = Float[np.ndarray, "m n"]

@@ -249,7 +249,7 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
 
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
-    d = np.asarray(d, dtype=np.float64)
+    d = real_values("d", d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
         return float("inf")
@@ -265,7 +265,7 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     within 2H‖Ĵᵀr‖ of the least one, H being Hoffman's constant. A radius is not looked at: violating least has another
     meaning in a ball. Infinite where d is not finite. Source: Hoffman 1952.
     """
-    d = np.asarray(d, dtype=np.float64)
+    d = real_values("d", d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
         return float("inf")
@@ -310,7 +310,7 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     most max(8·eps·Σ|ŷ|, max(−ŷ)₊ on I) / ((b̂ᵀŷ − radius ‖Ĵᵀŷ‖) / max(|b̂|, radius)). In a metric, where M = I.
     Source: Farkas' lemma; Boyd & Vandenberghe, Convex Optimization, §5.8.
     """
-    y = np.asarray(y, dtype=np.float64)
+    y = real_values("y", y)
     require_shape("y", y, (problem.m,))
     if not np.isfinite(y).all() or not y.any():
         return float("inf")

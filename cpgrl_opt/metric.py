@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import ArrayLike, Float, Int
-from .validation import finite_array, read_only, real_array, require_shape
+from .validation import ReadOnlyArrays, finite_array, read_only, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
 
@@ -29,7 +29,7 @@ _NEGLIGIBLE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening:
+class Whitening(ReadOnlyArrays):
     """L of the module's head: `factor` R, (n,) its diagonal or (n, n) lower triangular; `correction` C, None for I."""
 
     factor: Metric

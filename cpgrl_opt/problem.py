@@ -14,9 +14,18 @@ from typing import overload
 
 import numpy as np
 
-from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Vector
+from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
 from .metric import Metric, Whitening, validated_metric
-from .validation import finite_array, mask_array, read_only, real_array, require_positive, require_shape
+from .validation import (
+    ReadOnlyArrays,
+    finite_array,
+    mask_array,
+    read_only,
+    real_array,
+    real_values,
+    require_positive,
+    require_shape,
+)
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -26,8 +35,8 @@ class DirectionProblem:
     gradient g: (n,), ascent gradient of the objective; jacobian J: (m, n), constraint gradients as rows;
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
     for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, None for the identity;
-    radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only.
-    Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, non-numbers.
+    radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only. Raises ValueError for NaN,
+    infinities (but −inf in an inequality's bound), wrong shapes, non-numbers, masked entries.
     """
 
     gradient: Vector
@@ -44,20 +53,15 @@ class DirectionProblem:
         bound: ArrayLike = 0.0,
         equality: ArrayLike = False,
         metric: ArrayLike | None = None,
-        radius: float | None = None,
+        radius: Number | None = None,
     ) -> None:
         g = finite_array("gradient", gradient, 1)
         J = finite_array("jacobian", jacobian, 2)
-        m, n = J.shape
+        n = J.shape[1]
         require_shape("gradient", g, (n,))
         if n == 0:
             raise ValueError("gradient should have at least one component; found none")
-        b = real_array("bound", np.full(m, bound) if np.ndim(bound) == 0 else bound, 1)
-        is_equality = mask_array("equality", np.full(m, equality) if np.ndim(equality) == 0 else equality)
-        require_shape("bound", b, (m,))
-        require_shape("equality", is_equality, (m,))
-        _require_bounds(b, is_equality)
-        _set_fields(self, g, J, b, is_equality)
+        _set_fields(self, g, J, *_bounds(bound, equality, J))
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n))
         if radius is not None:
@@ -115,12 +119,13 @@ def euclidean(problem: DirectionProblem) -> DirectionProblem:
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class ProblemBatch(Sequence[DirectionProblem]):
+class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
     """B direction problems of one shape, stacked; reads as a sequence of `DirectionProblem`.
 
     gradient: (B, n); jacobian: (B, m, n); bound, equality: (B, m). Inside a batch, a constraint that is
-    not in one problem's active set has bound −inf and equality False there. metric: (B, n) or (B, n, n), None for
-    identities; radius: (B,), or None for problems without. Raises as `DirectionProblem`.
+    not in one problem's active set has bound −inf and equality False there; one number or truth value is for all.
+    metric: (B, n) or (B, n, n), None for identities; radius: (B,), or None for problems without. Copies, refuses and
+    raises as `DirectionProblem`.
     """
 
     gradient: Float[np.ndarray, "B n"]
@@ -135,28 +140,25 @@ class ProblemBatch(Sequence[DirectionProblem]):
         self,
         gradient: ArrayLike,
         jacobian: ArrayLike,
-        bound: ArrayLike,
-        equality: ArrayLike,
+        bound: ArrayLike = 0.0,
+        equality: ArrayLike = False,
         metric: ArrayLike | None = None,
         radius: ArrayLike | None = None,
     ) -> None:
-        g, J, b = (np.ascontiguousarray(array, dtype=np.float64) for array in (gradient, jacobian, bound))
-        is_equality = np.ascontiguousarray(equality, dtype=np.bool_)
-        if J.ndim != 3 or J.shape[2] == 0:
-            raise ValueError(f"jacobian should have shape (B, m, n) with n ≥ 1; found {J.shape}")
-        runs, m, n = J.shape
+        J = finite_array("jacobian", jacobian, 3)
+        runs, _, n = J.shape
+        if n == 0:
+            raise ValueError("gradient should have at least one component; found none")
+        g = finite_array("gradient", gradient, 2)
         require_shape("gradient", g, (runs, n))
-        require_shape("bound", b, (runs, m))
-        require_shape("equality", is_equality, (runs, m))
-        if not (np.isfinite(g).all() and np.isfinite(J).all()):
-            raise ValueError("gradient and jacobian should be finite; found NaN or infinity")
-        _require_bounds(b, is_equality)
-        _set_fields(self, g, J, b, is_equality)
+        _set_fields(self, g, J, *_bounds(bound, equality, J))
         if metric is not None:
-            metrics = [validated_metric(each, n) for each in np.asarray(metric)]
-            if len(metrics) != runs:
-                raise ValueError(f"metric should have one entry a problem, {runs}; found {len(metrics)}")
-            _set_metrics(self, metrics)
+            given = real_values("metric", metric)
+            if given.ndim not in (2, 3) or len(given) != runs:
+                raise ValueError(
+                    f"metric should have one entry a problem, {runs} of (n,) or (n, n); found {given.shape}"
+                )
+            _set_metrics(self, [validated_metric(each, n) for each in given])
         if radius is not None:
             object.__setattr__(self, "radius", _radii(radius, runs))
 
@@ -197,7 +199,7 @@ class ProblemBatch(Sequence[DirectionProblem]):
         return batch
 
     def in_geometry(
-        self, metric: ArrayLike | None, radius: float | None, whitening: Whitening | None = None
+        self, metric: ArrayLike | None, radius: Number | None, whitening: Whitening | None = None
     ) -> "ProblemBatch":
         """The same problems, all in one metric, (n,) or (n, n), and in balls of one radius; None for neither.
 
@@ -209,7 +211,7 @@ class ProblemBatch(Sequence[DirectionProblem]):
             _set_metrics(batch, [pair] * len(self))  # type: ignore[list-item]
         if radius is not None:
             require_positive("radius", radius)
-            object.__setattr__(batch, "radius", read_only(np.full(len(self), float(radius))))
+            object.__setattr__(batch, "radius", read_only(np.full(len(self), radius, np.float64)))
         return batch
 
     def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
@@ -300,6 +302,18 @@ def _radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
     if not (radii > 0).all():
         raise ValueError(f"radius should be > 0; found {radii.min()}")
     return radii
+
+
+def _bounds(bound: ArrayLike, equality: ArrayLike, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """b and E, of each row or one for all."""
+    shape = jacobian.shape[:-1]
+    b, is_equality = real_array("bound", bound, None), mask_array("equality", equality)
+    b = np.full(shape, b) if b.ndim == 0 else b
+    is_equality = np.full(shape, is_equality) if is_equality.ndim == 0 else is_equality
+    require_shape("bound", b, shape)
+    require_shape("equality", is_equality, shape)
+    _require_bounds(b, is_equality)
+    return b, is_equality
 
 
 def _require_bounds(bound: Float[np.ndarray, "..."], equality: Bool[np.ndarray, "..."]) -> None:

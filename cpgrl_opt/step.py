@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
-from .arrays import ArrayLike, Bool, Float, Int
+from .arrays import ArrayLike, Bool, Float, Int, Number
 from .direction import DirectionBatch, DirectionError, Status
 from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
@@ -30,10 +30,12 @@ from .solvers import (
 )
 from .step_geometry import StepGeometry
 from .validation import (
+    ReadOnlyArrays,
     boolean_array,
     finite_array,
     is_finite,
     read_only,
+    real_values,
     require_member,
     require_nonnegative,
     require_shape,
@@ -69,7 +71,7 @@ _COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened",
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConstrainedStep:
+class ConstrainedStep(ReadOnlyArrays):
     """Settings of a step; calling it maps a linearization to a `StepResult`.
 
     solver, rule: objects, or the names of SOLVERS, ACTIVE_SET_RULES; formulation: a name of FORMULATIONS. What a
@@ -94,15 +96,15 @@ class ConstrainedStep:
     solver: DirectionSolver | str = field(default_factory=lambda: SOLVERS["active-set"])
     formulation: str = "equality"
     rule: ActiveSetRule | str = violated
-    step_size: float = 0.02
-    restoration_rate: float = 0.02
+    step_size: Number = 0.02
+    restoration_rate: Number = 0.02
     drop: str = "stationary"
     raw_multipliers: bool = False
-    ridge: float = 0.0
-    max_restoration: float = np.inf
+    ridge: Number = 0.0
+    max_restoration: Number = np.inf
     on_failure: str = "fallback"
     metric: ArrayLike | None = field(default=None, compare=False)
-    radius: float | None = None
+    radius: Number | None = None
     _metric_bytes: bytes = field(default=b"", init=False, repr=False)  # by which steps compare and hash
 
     def __post_init__(self) -> None:
@@ -123,6 +125,9 @@ class ConstrainedStep:
         for name in ("step_size", "restoration_rate", "ridge"):
             require_nonnegative(name, getattr(self, name))
         require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
+        for name in ("step_size", "restoration_rate", "ridge", "max_restoration", "radius"):
+            if isinstance(getattr(self, name), np.ndarray):  # of no axes; steps compare and hash by their numbers
+                object.__setattr__(self, name, getattr(self, name)[()])
         if self.formulation == "restoring" and self.step_size == 0:
             raise ValueError("step_size should be > 0 with formulation 'restoring', which divides by it; found 0")
         if self.formulation == "restoring" and not float(self.restoration_rate) / float(self.step_size) < np.inf:
@@ -154,7 +159,7 @@ class ConstrainedStep:
         subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set,
         FloatingPointError where rates times directions overflow.
         """
-        limits = np.asarray(thresholds, dtype=np.float64)
+        limits = real_values("thresholds", thresholds)
         channels, n = linearization.gradients.shape[-2:]
         require_shape("thresholds", limits, (channels - 1,))
         slack = linearization.slack(limits)

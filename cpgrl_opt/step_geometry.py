@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arrays import ArrayLike, Float
+from .arrays import ArrayLike, Float, Number
 from .metric import Metric, Whitening, validated_metric
 from .problem import ProblemBatch, lengths
-from .validation import require_positive, require_shape
+from .validation import ReadOnlyArrays, require_positive, require_shape
 
 
 @dataclass(frozen=True, eq=False)
-class StepGeometry:
+class StepGeometry(ReadOnlyArrays):
     """M with its factor, (n,) or (n, n), None for the identity; radius > 0, None for no ball."""
 
     metric: Metric | None = None
@@ -23,7 +23,7 @@ class StepGeometry:
     radius: float | None = None
 
     @classmethod
-    def of(cls, metric: ArrayLike | None, radius: float | None) -> "StepGeometry | None":
+    def of(cls, metric: ArrayLike | None, radius: Number | None) -> "StepGeometry | None":
         """None where there is nothing; ValueError for what is no metric or no radius."""
         if radius is not None:
             require_positive("radius", radius)

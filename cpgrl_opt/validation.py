@@ -9,19 +9,21 @@ from numpy.typing import ArrayLike, NDArray
 
 def real_values(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """`values` as float64, not copied if they are; a ValueError for what is no array of real numbers."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
     given = _as_array(name, values)
     if given.dtype.kind not in "biuf":
         raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
     return np.asarray(given, dtype=np.float64)
 
 
-def real_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    """A read-only, C-contiguous float64 copy of `values` with `ndim` axes and no NaN."""
+def real_array(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.float64]:
+    """A read-only, C-contiguous float64 copy of `values` with `ndim` axes (None: any) and no NaN."""
     given = _as_array(name, values)
     if given.dtype.kind not in "biuf":
         raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
     array = np.array(given, dtype=np.float64, order="C", copy=True)
-    if array.ndim != ndim:
+    if ndim is not None and array.ndim != ndim:
         raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
     if np.isnan(array).any():
         raise ValueError(f"{name} should have no NaN; found {int(np.isnan(array).sum())} of {array.size}")
@@ -61,6 +63,14 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
+class ReadOnlyArrays:
+    """Base of what holds read-only arrays: copied and unpickled, where NumPy makes them writable, they are so again."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        frozen = {name: read_only(value) for name, value in state.items() if isinstance(value, np.ndarray)}
+        vars(self).update({**state, **frozen})
+
+
 def is_finite(array: NDArray[np.float64]) -> bool:
     """No NaN and no infinity. One dot product tells it of nearly all arrays; beyond 1e154 their squares overflow."""
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
@@ -72,17 +82,29 @@ def require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> Non
         raise ValueError(f"{name} should have shape {shape}; found {array.shape}")
 
 
-def require_nonnegative(name: str, value: float, *, allow_infinite: bool = False) -> None:
+def is_number(value: Any) -> bool:
+    """Whether it is one real number: Python's, NumPy's or an array of no axes; no NaN, no truth value."""
+    if isinstance(value, np.ndarray) and value.ndim == 0 and not hasattr(value, "mask"):
+        value = value[()]
+    is_real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return is_real and not math.isnan(value)
+
+
+def require_number(name: str, value: Any) -> None:
+    """ValueError unless `value` is one real number."""
+    if not is_number(value):
+        raise ValueError(f"{name} should be a number; found {value!r}")
+
+
+def require_nonnegative(name: str, value: Any, *, allow_infinite: bool = False) -> None:
     """ValueError unless `value` is a finite number ≥ 0 (or +inf, where that means "no limit")."""
-    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not is_number or not value >= 0 or (value == np.inf and not allow_infinite):
+    if not is_number(value) or not value >= 0 or (value == np.inf and not allow_infinite):
         raise ValueError(f"{name} should be a number ≥ 0; found {value!r}")
 
 
-def require_positive(name: str, value: float) -> None:
+def require_positive(name: str, value: Any) -> None:
     """ValueError unless `value` is a finite number > 0."""
-    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not is_number or not 0 < value < np.inf:
+    if not is_number(value) or not 0 < value < np.inf:
         raise ValueError(f"{name} should be a finite number > 0; found {value!r}")
 
 
@@ -93,7 +115,11 @@ def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
 
 
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:
+    parts = values if isinstance(values, list | tuple) else (values,)
+    # By the attribute, for np.ma is imported late, and takes as long as ten thousand solves.
+    if any(isinstance(part, np.ndarray) and np.any(getattr(part, "mask", False)) for part in parts):
+        raise ValueError(f"{name} should have no masked entries, whose values nobody vouches for; found some")
     try:
         return np.asarray(values)
-    except ValueError as error:  # ragged lists
-        raise ValueError(f"{name} should be a rectangular array of numbers; found {values!r}") from error
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged lists; tensors that need their library's own way
+        raise ValueError(f"{name} should be a rectangular array of numbers; found {values!r} ({error})") from error

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from .interface import Declaration, gradients_of, is_cone
 
@@ -15,7 +16,7 @@ _ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class AGEM:
+class AGEM(CheckedSettings):
     """g̃ = g where gᵀr ≥ 0, else g − (gᵀr / rᵀr) r,   r = (1/m) Σ J_k.
 
     The projection onto the one half-space rᵀd ≥ 0, so our cone problem where m = 1; otherwise that of another, larger

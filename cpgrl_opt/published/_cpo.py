@@ -8,6 +8,7 @@ import numpy as np
 from ..arrays import Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from .interface import Declaration, judged
 from .trust_region import OneRowBall, in_ball, is_one_row_ball
@@ -17,7 +18,7 @@ _PARALLEL = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class CPO:
+class CPO(CheckedSettings):
     """x* = (1/λ*) H⁻¹(g + ν*J),  ν* = (λ*c − r)₊ / s,  q = gᵀH⁻¹g, r = gᵀH⁻¹Jᵀ, s = JH⁻¹Jᵀ, δ = radius², for
 
         max gᵀx  s.t.  J x ≥ c,  xᵀHx ≤ δ

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..direction import Direction
 from ..problem import DirectionProblem
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from .adapter import claimed_direction
@@ -14,7 +15,7 @@ from .interface import Declaration, gradients_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class CRPO:
+class CRPO(CheckedSettings):
     """d = g where bᵢ ≤ η for all i, else Jᵢ of a violated constraint: here that of the largest bᵢ.
 
     In a linearized problem J d ≥ b a bound bᵢ > 0 is what constraint i lacks (`restoring`): Gᵢ − ρᵢ up to a factor. A
@@ -47,6 +48,7 @@ class CRPO:
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_nonnegative("slack_allowed", self.slack_allowed)
 
     def supports(self, problem: DirectionProblem) -> bool:

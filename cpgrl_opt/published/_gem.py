@@ -7,6 +7,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from ._dual_cone import dual_projection
@@ -15,7 +16,7 @@ from .interface import Declaration, gradients_of, is_cone, judged
 
 
 @dataclass(frozen=True, kw_only=True)
-class GEM:
+class GEM(CheckedSettings):
     """g̃ = g + Jᵀ(v* + γ),   v* = argmin_{v ≥ 0} ½ vᵀJJᵀv + gᵀJᵀv.
 
     With γ = 0 the dual of min ½‖g − g̃‖² s.t. ⟨g̃, g_k⟩ ≥ 0, so our cone problem: rows J_k = g_k, b = 0, μ = v*. The
@@ -37,6 +38,7 @@ class GEM:
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_nonnegative("memory_strength", self.memory_strength)
 
     def supports(self, problem: DirectionProblem) -> bool:

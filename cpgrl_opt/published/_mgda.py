@@ -8,6 +8,7 @@ import numpy as np
 from ..arrays import Float, Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem, lengths, unit_rows
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from .adapter import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients
@@ -17,7 +18,7 @@ _ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class MGDA:
+class MGDA(CheckedSettings):
     """d = argmin {‖ω‖ : ω = Σ wᵢgᵢ, wᵢ ≥ 0, Σ wᵢ = 1}.
 
     The tasks are the objective and the constraints alike, g₀ = g and gᵢ = Jᵢ. At the minimum ⟨d, gᵢ⟩ ≥ ‖d‖², equal

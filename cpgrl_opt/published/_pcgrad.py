@@ -8,13 +8,14 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem, unit_rows
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from .adapter import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients
 
 
 @dataclass(frozen=True, kw_only=True)
-class PCGrad:
+class PCGrad(CheckedSettings):
     """d = Σᵢ gᵢᴾ;   gᵢᴾ ← gᵢᴾ − (gᵢᴾ·gⱼ / ‖gⱼ‖²) gⱼ where gᵢᴾ·gⱼ < 0, for all j ≠ i in random order, from gᵢᴾ = gᵢ.
 
     The tasks are the objective and the constraints alike, g₀ = g and gᵢ = Jᵢ, so d is a sum of all of them and no

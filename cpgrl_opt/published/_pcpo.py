@@ -7,6 +7,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths, unit_rows
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ..validation import require_member
 from .interface import Declaration
@@ -14,7 +15,7 @@ from .trust_region import in_ball, is_one_row_ball
 
 
 @dataclass(frozen=True, kw_only=True)
-class PCPO:
+class PCPO(CheckedSettings):
     """x½ = √(δ/q) H⁻¹g,    x = x½ + ((c − J x½)₊ / (J L⁻¹Jᵀ)) L⁻¹Jᵀ,    δ = radius², q = gᵀH⁻¹g.
 
     First max gᵀx s.t. xᵀHx ≤ δ, then min ½(x − x½)ᵀL(x − x½) s.t. J x ≥ c, the second without the ball. The paper has
@@ -45,6 +46,7 @@ class PCPO:
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_member("projection", self.projection, ("kl", "l2"))
 
     def supports(self, problem: DirectionProblem) -> bool:

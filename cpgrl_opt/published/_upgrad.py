@@ -8,6 +8,7 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem
+from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ._dual_cone import dual_projection
 from .adapter import claimed_direction
@@ -15,7 +16,7 @@ from .interface import Declaration, is_cone, stacked_gradients
 
 
 @dataclass(frozen=True, kw_only=True)
-class UPGrad:
+class UPGrad(CheckedSettings):
     """d = (1/k) Σᵢ π(gᵢ),   π the projection onto the dual cone {x : gⱼᵀx ≥ 0 for all j}.
 
     The tasks are the objective and the constraints alike, g₀ = g and gᵢ = Jᵢ, k = 1 + m. Each π(gᵢ) is our cone

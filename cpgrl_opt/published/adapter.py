@@ -27,8 +27,10 @@ from ..arrays import Multipliers, Vector
 from ..direction import Direction, Status
 from ..kkt import farkas_residual, proof_tolerance
 from ..problem import DirectionProblem, lengths, unit_rows
+from ..settings import require_tolerance
 from ..solvers import SOLVERS
 from ..solvers.interface import DEFAULT_TOLERANCE, tolerance_of
+from ..validation import real_values
 from ._arguments import bound_argument, name_of
 
 
@@ -68,6 +70,7 @@ class FunctionSolver:
         _ = self.takes_bounds
         if self.tolerance is None:
             object.__setattr__(self, "tolerance", self._said("tolerance", DEFAULT_TOLERANCE))
+        require_tolerance(self.tolerance)
         object.__setattr__(self, "as_equalities", self.as_equalities or self._said("as_equalities", False))
 
     def __repr__(self) -> str:
@@ -146,7 +149,7 @@ class FunctionSolver:
 
 def claimed_direction(problem: DirectionProblem, value: ArrayLike, tolerance: float) -> Direction:
     """The direction d with the multipliers, and the status, of the module's head; ValueError unless d is (n,)."""
-    d = np.array(value, dtype=np.float64)
+    d = np.array(real_values("the direction", value))
     if d.shape != (problem.n,):
         raise ValueError(f"the direction should have shape ({problem.n},); found {d.shape}")
     if not np.isfinite(d).all():  # for the referee, who rejects it

@@ -11,13 +11,14 @@ from typing import ClassVar
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
+from ..settings import CheckedSettings
 from .geometry import takes_geometry
 from .kernels import compiled_kernels, solve_single, solve_stacked
 
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class ActiveSet:
+class ActiveSet(CheckedSettings):
     """Goldfarb & Idnani's dual method in the basis of the active rows. The default.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; the method reaches 1e-12 wherever float64 allows it.

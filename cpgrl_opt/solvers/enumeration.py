@@ -16,6 +16,7 @@ from ..arrays import Float, Int
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from ..settings import CheckedSettings
 from .factorization import pivoted_qr
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches
@@ -27,7 +28,7 @@ MOST_CONSTRAINTS = 12  # 2¹² active sets
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class Enumeration(LoopsOverBatches):
+class Enumeration(LoopsOverBatches, CheckedSettings):
     """The best of all 2ᵐ active sets, for problems of at most 12 constraints.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

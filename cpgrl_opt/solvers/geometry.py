@@ -80,6 +80,11 @@ class WithGeometry:
     takes_geometry: ClassVar[bool] = True
     declines_by_itself: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        if isinstance(self.solver, type) or not callable(getattr(self.solver, "solve", None)):
+            raise ValueError(f"solver should have a method solve(problem); found {self.solver!r}")
+        _ = self.tolerance  # checked
+
     @property
     def tolerance(self) -> float:
         """The solver's own: the worst KKT residual of an OPTIMAL answer."""

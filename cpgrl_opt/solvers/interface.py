@@ -1,6 +1,5 @@
 """What a direction solver is, and how to ask one that declares little."""
 
-import math
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
@@ -17,11 +16,11 @@ from ..kkt import (
     violation_tolerance,
 )
 from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
+from ..settings import require_tolerance
 from .asking import ask, ask_batch
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
 _LEAST_IN_SINGLE = 4 * 2.0**-23  # rounding d to float32 leaves half an eps of each number, and as much in a product
-LARGEST_TOLERANCE = 1e-3  # residuals are relative: at 1, d = g with μ = 0 passes for an optimum everywhere
 # A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
 _FAR = 100.0
 
@@ -157,12 +156,8 @@ def tolerance_of(solver: DirectionSolver) -> float:
     At least 4 eps of float32 where the solver says that it computes in it.
     """
     declared: Any = getattr(solver, "tolerance", DEFAULT_TOLERANCE)
-    try:
-        tolerance = float(declared)
-    except (TypeError, ValueError):
-        tolerance = math.nan
-    if not 0 < tolerance <= LARGEST_TOLERANCE:
-        raise ValueError(f"tolerance should be a number in (0, {LARGEST_TOLERANCE:g}]; found {declared!r}")
+    require_tolerance(declared)
+    tolerance = float(declared)
     return max(tolerance, _LEAST_IN_SINGLE) if computes_in_single(solver) else tolerance
 
 

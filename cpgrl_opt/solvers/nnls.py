@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from ..direction import Direction
 from ..problem import DirectionProblem
+from ..settings import CheckedSettings
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches
 from .least_distance import least_distance
@@ -13,7 +14,7 @@ from .preparation import solve_prepared
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class NNLS(LoopsOverBatches):
+class NNLS(LoopsOverBatches, CheckedSettings):
     """min ½‖d − g‖² s.t. Jd ≥ b as a nonnegative least-squares problem in m unknowns; equalities by elimination.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
+from ..settings import CheckedSettings
 from .geometry import takes_geometry
 from .interrupts import run_alone
 from .packages import require_import, require_package
@@ -21,7 +22,7 @@ from .reduction import BackEndAnswer, ReducedProblem
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class OSQP:
+class OSQP(CheckedSettings):
     """Operator splitting on the reduced problem, then our polishing.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

@@ -13,13 +13,14 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
+from ..settings import CheckedSettings
 from .geometry import takes_geometry
 from .kernels import compiled_kernels, solve_single, solve_stacked
 
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class Rosen:
+class Rosen(CheckedSettings):
     """The paper's tangent direction: rank-revealing on unit rows, equalities only.
 
     tolerance: the worst KKT residual of an OPTIMAL answer.

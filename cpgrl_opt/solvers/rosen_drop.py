@@ -18,6 +18,7 @@ from ..arrays import Bool, Float, Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths
 from ..projection import RANK_TOLERANCE, largest_multipliers, unit_multipliers
+from ..settings import CheckedSettings
 from .factorization import pivoted_qr
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches
@@ -31,7 +32,7 @@ _NEGLIGIBLE = 1e-10
 
 @takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class RosenDrop(LoopsOverBatches):
+class RosenDrop(LoopsOverBatches, CheckedSettings):
     """The drop rule, for b = 0; equalities are never dropped.
 
     tolerance: the worst KKT residual of an OPTIMAL answer. raw_multipliers: compare λᵢ as printed in the paper, so

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
+from ..settings import CheckedSettings
 from .cvxpy_call import solve_statement
 from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
 from .packages import require_import, require_package
@@ -22,7 +23,7 @@ from .second_order_cone import state_and_solve
 
 
 @dataclass(frozen=True, kw_only=True)
-class CVXPY:
+class CVXPY(CheckedSettings):
     """A parametrised CVXPY problem behind the shared preparation.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

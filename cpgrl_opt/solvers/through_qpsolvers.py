@@ -13,6 +13,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from ..settings import CheckedSettings
 from .geometry import takes_geometry
 from .interface import LoopsOverBatches, MissingPackageError
 from .library_calls import LIBRARY_CALLS, LibraryCall, LibraryError
@@ -138,7 +139,7 @@ BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
 
 @takes_geometry
 @dataclass(frozen=True)
-class QPSolversBackend(LoopsOverBatches):
+class QPSolversBackend(LoopsOverBatches, CheckedSettings):
     """One of qpsolvers' back ends on the reduced problem.
 
     name: a key of BACK_ENDS. tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto
@@ -158,6 +159,7 @@ class QPSolversBackend(LoopsOverBatches):
 
     def __post_init__(self) -> None:
         """A wrong name is refused here, not at the first problem."""
+        super().__post_init__()
         if self.name not in BACK_ENDS:
             raise ValueError(f"name should be one of {', '.join(BACK_ENDS)}; found {self.name!r}")
 
