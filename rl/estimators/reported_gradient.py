@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float, Int
 from .stored_average import MeanWeight
 
 GRADIENTS = ("reported", "episode mean")
-# Episodes without an update after which learning is taken for impossible. Where a half of them have one step only, so
-# many are all alike with a chance of 1e-6.
-_ENOUGH = 20
+# Episodes without an update after which there is a warning, and after which learning is taken for impossible. Where one
+# of ten has one step only, five of them follow each other with a chance of 1e-5; where one of two, twenty with 1e-6.
+_MANY, _ENOUGH = 5, 20
 _ADVICE = 'weights="paper" makes T − 1 updates of an episode of T steps, so ρ and Δ would stay 0. Use weights="usual"'
 
 
@@ -98,7 +98,8 @@ def channels_from_start(
 
 
 class UpdateWatch:
-    """Says so where no run has made an update yet: a warning at once, ValueError after _ENOUGH episodes of all runs.
+    """Says so where no run has made an update yet: a warning after _MANY episodes of all runs together, ValueError
+    after _ENOUGH.
 
     A one-step episode among longer ones adds nothing to Δ, which is right.
     """
@@ -120,7 +121,8 @@ class UpdateWatch:
         )
         if self.episodes >= _ENOUGH:
             raise ValueError(told)
-        warnings.warn(told, stacklevel=2)
+        if self.episodes >= _MANY:
+            warnings.warn(told, stacklevel=2)
 
 
 def require_updates(weights: str, gradient: str, by_episode: Bool[np.ndarray, "channels"], steps: int) -> None:

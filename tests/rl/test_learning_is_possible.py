@@ -55,11 +55,11 @@ TOLD = r"episodes should have more than one step; found one step in each of the 
 
 
 def test_one_step_episodes_with_the_papers_weights_are_an_error() -> None:
-    """θ, Δ and ρ stayed 0 without a word. Twenty runs are enough at once; one run is warned first."""
+    """θ, Δ and ρ stayed 0 without a word. Twenty runs are enough at once; few runs are warned first."""
     with pytest.raises(ValueError, match=TOLD):
         learned(GPOMDP(), Bandit(1))
     with pytest.warns(UserWarning, match=TOLD):
-        learned(GPOMDP(), Bandit(1), runs=1)
+        learned(GPOMDP(), Bandit(1), runs=5)
     with pytest.warns(UserWarning, match=TOLD), pytest.raises(ValueError, match="in each of the first 20"):
         learned(GPOMDP(), Bandit(1), runs=1, episodes=20)
 
@@ -77,8 +77,9 @@ def test_a_one_step_episode_among_longer_ones_is_no_false_alarm() -> None:
         warnings.simplefilter("error")
         learned(GPOMDP(), Bandit(3, *[1] * 60), runs=1, episodes=60)
         learned(GPOMDP(), Bandit(1, 2), runs=2)
+        learned(GPOMDP(), Bandit(1, 1, 4), runs=1, episodes=4)
     with pytest.warns(UserWarning, match=TOLD):
-        assert np.abs(learned(GPOMDP(), Bandit(1, 1, 4), runs=1, episodes=4)).max() > 0
+        assert np.abs(learned(GPOMDP(), Bandit(*[1] * 6, 4), runs=1, episodes=9)).max() > 0
 
 
 @pytest.mark.parametrize("gradient", ["reported", "episode mean"])
