@@ -49,6 +49,7 @@ from .invariance import (
 )
 from .law import LawBroken, Outcome
 from .laws import LAWS, Law
+from .neighbours import check_answers_stay, check_global_state_is_unchanged, check_threads_do_not_meet
 from .optimality import (
     check_agreement_with_enumeration,
     check_complementarity,
@@ -69,6 +70,7 @@ from .pytest_items import parametrize_with_checks
 from .sensitivity import distance_bound, hoffman_constant
 from .sequences import check_batch_is_loop, check_warm_start_is_cold_start
 from .strategies import Case, direction_problems, infeasible_problems
+from .timing import check_time_is_in_proportion
 from .verdict import CheckResult, Verdict, check_direction_solver
 
 __all__ = [
@@ -84,6 +86,7 @@ __all__ = [
     "Verdict",
     "check_agreement_with_enumeration",
     "check_answers_repeat",
+    "check_answers_stay",
     "check_batch_is_loop",
     "check_claims_are_certified",
     "check_complementarity",
@@ -92,6 +95,7 @@ __all__ = [
     "check_duplicate_row",
     "check_feasible_is_not_called_infeasible",
     "check_firm_non_expansiveness",
+    "check_global_state_is_unchanged",
     "check_gradient_kept_when_feasible",
     "check_idempotence",
     "check_inactive_row",
@@ -109,6 +113,8 @@ __all__ = [
     "check_silence",
     "check_stationarity",
     "check_symmetry",
+    "check_threads_do_not_meet",
+    "check_time_is_in_proportion",
     "check_warm_start_is_cold_start",
     "check_zero_only_when_optimal",
     "direction_problems",

@@ -7,8 +7,9 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
+from .draws import SHAPES
 from .law import takes, varied
-from .strategies import ALL_CASES, SHAPES, Case
+from .strategies import ALL_CASES, Case
 
 
 def supported_cases(solver: DirectionSolver) -> list[Case]:

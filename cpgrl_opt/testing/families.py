@@ -12,21 +12,17 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
+from .draws import MOST_ROWS, NumberChoice, any_of, between, chosen, integers, members, orders, picks, shapes
 from .geometries import TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
+from .law import varied
 from .strategies import (
     ALL_CASES,
-    DEPENDENT_SHAPES,
     SHIFTED_CASES,
     Case,
-    NumberChoice,
-    chosen,
     direction_problems,
     feasible_problem,
     infeasible_problems,
     integer_rows,
-    integers,
-    members,
-    orders,
     rescaled,
     row_factors,
     shapes_of,
@@ -34,8 +30,8 @@ from .strategies import (
 
 Problems = st.SearchStrategy[DirectionProblem]
 # Powers of two, since rows that depend exactly must still do so after scaling; half of all problems stay as they are.
-_EXACT_SCALES = st.sampled_from((1.0, 1.0, 1.0, 2.0**-13, 2.0**-27, 2.0**27))
-_EXACT_ROW_SCALES = st.sampled_from((1.0, 1.0, 2.0**20, 2.0**40))
+_EXACT_SCALES = any_of((1.0, 1.0, 1.0, 2.0**-13, 2.0**-27, 2.0**27))
+_EXACT_ROW_SCALES = any_of((1.0, 1.0, 2.0**20, 2.0**40))
 
 
 @dataclass(frozen=True)
@@ -73,6 +69,22 @@ class Family:
 
 
 @st.composite
+def binding_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """Any number of rows up to min(n, m) bind at an optimum that is planted: g = d − Jᵀμ."""
+    n, m = draw(shapes_of(cases))
+    case = draw(any_of(members("cases", cases, ALL_CASES)))
+    return feasible_problem(draw, integer_rows(draw, n, m), case, conflict=draw(between(1, min(n, m))))
+
+
+@st.composite
+def rank_deficient_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """The rank is less than both n and m."""
+    n, m = draw(shapes(least_rows=2, least_parameters=2))
+    rank = draw(between(1, min(n, m) - 1))
+    return feasible_problem(draw, integer_rows(draw, n, m, rank), draw(any_of(members("cases", cases, ALL_CASES))))
+
+
+@st.composite
 def duplicate_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """Two rows are the same; multipliers are not unique, the direction is."""
     return _dependent(draw, cases, lambda rows: rows[0])
@@ -99,9 +111,29 @@ def zero_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> Direction
 @st.composite
 def cone_of_zero(draw: st.DrawFn) -> DirectionProblem:
     """e₁ … eₙ and −Σ wᵢeᵢ span the space positively, so {d : J d ≥ 0} = {0}: d = 0 whatever g. Davis 1954."""
-    n = draw(st.sampled_from((2, 3)))
+    n = draw(any_of((2, 3, 1, 4, 7)))
     jacobian = np.vstack([np.eye(n), -integers(draw, 1, n, lowest=1)])
     return DirectionProblem(integers(draw, n), jacobian)
+
+
+@st.composite
+def pinched(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
+    """{d : J d ≥ b} is one point, or as flat as its equalities: independent rows Aᵢd = bᵢ, each said in some way.
+
+    As an equality, by two inequalities that oppose each other, or all together by one more row −Σ wᵢAᵢ d ≥ −Σ wᵢbᵢ.
+    """
+    case = draw(any_of(members("cases", cases, SHIFTED_CASES)))
+    r = draw(any_of((1, 2, 3, 6, 11)))
+    n = r + draw(any_of((0, 0, 0, 1, 3, 29)))
+    rows, point, is_equality = integer_rows(draw, n, r, r), integers(draw, n), np.full(r, case == Case.AFFINE)
+    if case == Case.MIXED:
+        is_equality = picks(draw, r, (0.0, 1.0)) == 1.0
+    back = -rows[~is_equality]
+    if len(back) > 1 and (r + len(back) > MOST_ROWS or draw(st.booleans())):
+        back = picks(draw, len(back), (1.0, 2.0, 3.0))[None, :] @ back
+    jacobian = np.vstack([rows, back])
+    equality = np.append(is_equality, np.zeros(len(back), dtype=np.bool_))
+    return DirectionProblem(integers(draw, n), jacobian, jacobian @ point, equality)
 
 
 @st.composite
@@ -113,26 +145,28 @@ def nearly_dependent(
     opposing: bool = True,
 ) -> DirectionProblem:
     """Two rows at a small angle (rad) from opposing, or from parallel: a Gram matrix sees its square only."""
-    n, m = draw(st.sampled_from(DEPENDENT_SHAPES))
+    n, m = draw(shapes(least_rows=2, least_parameters=2))
     theta = chosen(draw, angle)
     first, second = np.linalg.qr(integers(draw, n, 2))[0].T
     jacobian = integers(draw, m, n)
     jacobian[0] = 5.0 * first
     jacobian[1] = 3.0 * ((-1.0 if opposing else 1.0) * np.cos(theta) * first + np.sin(theta) * second)
-    return feasible_problem(draw, jacobian, draw(st.sampled_from(members("cases", cases, ALL_CASES))))
+    return feasible_problem(draw, jacobian, draw(any_of(members("cases", cases, ALL_CASES))))
 
 
 @st.composite
 def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """J g ≥ b, = b on E, exactly: then d = g."""
-    n, m = draw(st.sampled_from(shapes_of(cases)))
+    n, m = draw(shapes_of(cases))
     jacobian, g = integers(draw, m, n), integers(draw, n)
-    case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
-    equality = np.full(m, case in (Case.TANGENT, Case.AFFINE)) | (np.arange(m) < (case == Case.MIXED))
+    case = draw(any_of(members("cases", cases, ALL_CASES)))
+    equality = np.full(m, case in (Case.TANGENT, Case.AFFINE))
+    if case == Case.MIXED:
+        equality = picks(draw, m, (0.0, 1.0)) == 1.0
     factors = row_factors(draw, m, draw(_EXACT_ROW_SCALES))
     if case == Case.TANGENT:  # (gᵀg) Jᵢ − (Jᵢg) gᵀ is orthogonal to g, in integers
         jacobian = (g @ g) * jacobian - np.outer(jacobian @ g, g)
-    slack = draw(st.sampled_from((0.0, 1.0, 30.0)))
+    slack = draw(any_of((0.0, 1.0, 30.0)))
     if case == Case.CONE:
         jacobian = np.where(jacobian @ g < 0, -1.0, 1.0)[:, None] * jacobian
     bound = jacobian @ g - np.where(equality, 0.0, slack) if case.is_shifted else np.zeros(m)
@@ -143,12 +177,12 @@ def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> 
 def weakly_infeasible(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """Opposing rows that miss each other by 1e-4 … 1e-12: tolerances decide, and an answer may claim neither."""
     members("cases", cases, SHIFTED_CASES)
-    n, m = draw(st.sampled_from(DEPENDENT_SHAPES))
+    n, m = draw(shapes(least_rows=2))
     jacobian = integers(draw, m, n)
     jacobian[0, 0] = 3.0
     jacobian[1] = -jacobian[0]
     bound = jacobian @ integers(draw, n)
-    bound[0] += 10.0 ** -draw(st.integers(4, 12))
+    bound[0] += 10.0 ** -draw(between(4, 12))
     equality = np.full(m, Case.BOUNDS not in cases and Case.MIXED not in cases)
     return DirectionProblem(integers(draw, n), jacobian, bound, equality)
 
@@ -160,7 +194,7 @@ def far_bounds(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> Directio
     shifted = [case for case in cases if case.is_shifted or case.is_limit]
     problem = draw(direction_problems(conflict=(0, 2), cases=shifted))
     bound = problem.bound.copy()
-    bound[np.flatnonzero(~problem.equality)[-1:]] = -(10.0 ** draw(st.integers(6, 15)))
+    bound[np.flatnonzero(~problem.equality)[-1:]] = -(10.0 ** draw(between(6, 15)))
     return DirectionProblem(problem.gradient, problem.jacobian, bound, problem.equality)
 
 
@@ -172,8 +206,8 @@ WELL_POSED = (
     Family("integer", "ties, zeros and dependence come up often", lambda cases: direction_problems(cases=cases)),
     Family(
         "binding",
-        "the optimum is planted with up to three constraints tight",
-        lambda cases: direction_problems(conflict=(1, 3), cases=cases),
+        "the optimum is planted with up to min(n, m) constraints tight",
+        binding_rows,
     ),
     Family(
         "conditioned",
@@ -182,8 +216,8 @@ WELL_POSED = (
     ),
     Family(
         "rank-deficient",
-        "rank 1 or 2 of 3 or 5 rows",
-        lambda cases: direction_problems(3, st.sampled_from((3, 5)), rank=(1, 2), cases=cases),
+        "fewer independent rows than there are rows and parameters",
+        rank_deficient_rows,
         several_rows=True,
     ),
     Family("duplicate rows", "multipliers are not unique, the direction is", duplicate_rows, several_rows=True),
@@ -193,18 +227,25 @@ WELL_POSED = (
     Family(
         "row scales",
         "gradients of different rewards differ by 1e12 in length",
-        lambda cases: direction_problems(row_scale=st.sampled_from((1e6, 1e12)), cases=cases),
+        lambda cases: direction_problems(row_scale=any_of((1e6, 1e12)), cases=cases),
     ),
     Family(
         "scaled",
         "policy gradients are small; absolute tolerances then return g unchanged",
-        lambda cases: direction_problems(scale=st.sampled_from((1e-8, 1e-4, 1e8)), cases=cases),
+        lambda cases: direction_problems(scale=any_of((1e-8, 1e-4, 1e8)), cases=cases),
     ),
     Family(
         "cone of zero",
         "the answer is 0 whatever g",
         lambda cases: cone_of_zero(),  # noqa: ARG005
         (Case.CONE,),
+        several_rows=True,
+    ),
+    Family(
+        "pinched",
+        "one point is feasible, or a flat set: nothing has room, and yet it is not infeasible",
+        pinched,
+        SHIFTED_CASES,
         several_rows=True,
     ),
     Family(
@@ -242,7 +283,7 @@ HOSTILE = (
     Family(
         "extreme scales",
         "‖v‖² over- or underflows",
-        lambda cases: direction_problems(scale=st.sampled_from((1e-100, 1e100)), cases=cases),
+        lambda cases: direction_problems(scale=any_of((1e-100, 1e100)), cases=cases),
     ),
     Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES, several_rows=True),
     Family("far bounds", "a huge number that must not set the scale", far_bounds, (Case.BOUNDS, Case.MIXED)),
@@ -271,20 +312,24 @@ def hostile_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
 
 @cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
 def _mixed(families: tuple[Family, ...], cases: tuple[Case, ...]) -> Problems:
-    """A problem of any of the families, often with all gradients short or long, or rows of very different lengths."""
+    """A problem of any of the families, in any order, often with gradients short or long or rows of other lengths."""
     constraints = constraints_of(cases)
     limit = [case for case in constraints if case.is_limit]
     applicable = [
         (family, [case for case in family.cases if case in constraints]) for family in families if family.serves(cases)
     ]
-    return _at_any_scale(
+    return _varied(
         st.one_of([family.problems([*own, *limit]) for family, own in applicable if own for _ in range(family.weight)])
     )
 
 
 @st.composite
-def _at_any_scale(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
+def _varied(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
     problem = draw(problems)
+    order = orders(draw, problem.m)
+    if (np.diff(order) != 1).any():
+        rows = {name: getattr(problem, name)[order] for name in ("jacobian", "bound", "equality")}
+        problem = varied(problem, **rows)
     return rescaled(problem, draw(_EXACT_SCALES), row_factors(draw, problem.m, draw(_EXACT_ROW_SCALES)))
 
 
@@ -292,11 +337,11 @@ def _dependent(
     draw: st.DrawFn, cases: Collection[Case], last_row: Callable[[np.ndarray], np.ndarray]
 ) -> DirectionProblem:
     """Integer rows of which the last is a function of the others, in any order."""
-    n, m = draw(st.sampled_from(shapes_of(cases, DEPENDENT_SHAPES)))
+    n, m = draw(shapes_of(cases, least_rows=2))
     jacobian = integer_rows(draw, n, m)
     jacobian[-1] = last_row(jacobian)
     jacobian = jacobian[orders(draw, m)]
-    case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
+    case = draw(any_of(members("cases", cases, ALL_CASES)))
     return feasible_problem(draw, jacobian, case)
 
 

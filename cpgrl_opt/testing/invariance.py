@@ -9,18 +9,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..problem import DirectionProblem, euclidean, unit_rows
-from ..projection import RANK_TOLERANCE
+from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import Answer, NothingClaimed, Outcome, law, length, optimum_of, require_at_most, varied, whitened
+from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound
 
 
 @law
 def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order: ArrayLike) -> None:
-    """Rows in another order leave d and reorder μ; the latter where rows are independent, and no bound is −∞.
+    """Rows in another order leave d and reorder μ; the latter where the rows that are on are independent.
 
-    ‖Δd‖ ≤ 2 · `distance_bound`(ε), ‖Δμ̂‖ ≤ (‖Δd‖'s limit + 2εσ)/σ_min(Ĵ). order: (m,), a permutation of 0 … m − 1.
+    ‖Δd‖ ≤ 2 · `distance_bound`(ε), Δμ as `require_same_multipliers` says. order: (m,), a permutation of 0 … m − 1.
     Source: the problem is a set of constraints.
     """
     index = np.asarray(order, dtype=np.intp)
@@ -31,45 +31,39 @@ def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order:
     allowed = _require_same(
         solver, (problem, other), (first, second), "The order of the rows decides: is a row skipped, or never re-added?"
     )
-    rows = unit_rows(euclidean(other).jacobian)
-    smallest = np.linalg.svd(rows.jacobian, compute_uv=False).min(initial=1.0)
-    if problem.m > problem.n or smallest <= RANK_TOLERANCE or (problem.bound == -np.inf).any():
-        return
-    if problem.radius is not None:  # forces have a unit of their own there
-        return
-    difference = rows.times_length(first.multipliers[index] - second.multipliers)
-    values = (whitened(problem, answer.value) for answer in (first, second))
-    sigma = max(length(euclidean(problem).gradient), *(length(value) for value in values))
-    require_at_most(
-        length(difference),
-        (allowed + 2 * tolerance_of(solver) * sigma) / float(smallest),
-        f"‖Δμ̂‖ after the permutation {index.tolist()}",
-        "The multipliers should be permuted as the rows are.",
-        problem,
-        first,
-        second,
+    in_first_order = replace(second, multipliers=second.multipliers[np.argsort(index)])
+    require_same_multipliers(
+        solver, problem, (first, in_first_order), allowed, f"after the permutation {index.tolist()}"
     )
 
 
 @law
 def check_row_scaling(solver: DirectionSolver, problem: DirectionProblem, factors: ArrayLike) -> None:
-    """(cᵢJᵢ, cᵢbᵢ) with cᵢ > 0 leave d, within 2 · `distance_bound`(ε). factors c: (m,).
+    """(cᵢJᵢ, cᵢbᵢ) with cᵢ > 0 leave d, within 2 · `distance_bound`(ε), and divide μᵢ by cᵢ. factors c: (m,).
 
+    Multipliers are compared where the rows that are on are independent (`require_same_multipliers`).
     Source: {d : cᵢJᵢd ≥ cᵢbᵢ} is the same set.
     """
     c = np.asarray(factors, dtype=np.float64)
     other = varied(problem, jacobian=c[:, None] * problem.jacobian, bound=c * problem.bound)
-    _require_same(
+    first, second = optimum_of(solver, problem), optimum_of(solver, other)
+    allowed = _require_same(
         solver,
         (problem, other),
-        (optimum_of(solver, problem), optimum_of(solver, other)),
+        (first, second),
         "The lengths of the rows decide: normalise them before any rank decision or comparison of multipliers.",
+    )
+    in_first_unit = replace(second, multipliers=c * second.multipliers)
+    require_same_multipliers(
+        solver, problem, (first, in_first_unit), allowed, f"after the rows' scaling by {c.tolist()}"
     )
 
 
 @law
 def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: float) -> None:
-    """(c g, c b) with c > 0 scale d by c: ‖d(cg, cb)/c − d(g, b)‖ ≤ 2 · `distance_bound`(ε).
+    """(c g, c b) with c > 0 scale d and μ by c: ‖d(cg, cb)/c − d(g, b)‖ ≤ 2 · `distance_bound`(ε).
+
+    Multipliers are compared where the rows that are on are independent (`require_same_multipliers`).
 
     Source: d ∈ {J d ≥ b} ⇔ c d ∈ {J d ≥ c b}. A problem with a trust region scales its radius too.
     """
@@ -77,12 +71,13 @@ def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: fl
     other = varied(problem, gradient=factor * problem.gradient, bound=factor * problem.bound, radius=radius)
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
     scaled_back = replace(second, value=second.value / factor, multipliers=second.multipliers / factor)
-    _require_same(
+    allowed = _require_same(
         solver,
         (problem, problem),
         (first, scaled_back),
         "The direction has a length of its own, or an absolute tolerance: divide by σ = max(‖g‖, |b̂|) before solving.",
     )
+    require_same_multipliers(solver, problem, (first, scaled_back), allowed, f"after (g, b) times {factor:g}")
 
 
 @law
@@ -134,8 +129,9 @@ def check_inactive_row(solver: DirectionSolver, problem: DirectionProblem, row: 
 
 @law
 def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation: ArrayLike) -> None:
-    """Parameters in rotated coordinates: d(Qg, JQᵀ, QMQᵀ) = Q d(g, J, M), within 2 · `distance_bound`(ε).
+    """Parameters in rotated coordinates: d(Qg, JQᵀ, QMQᵀ) = Q d(g, J, M), within 2 · `distance_bound`(ε); μ stays.
 
+    Multipliers are compared where the rows that are on are independent (`require_same_multipliers`).
     rotation Q: (n, n). Source: the Euclidean projection commutes with isometries.
     """
     Q = np.asarray(rotation, dtype=np.float64)
@@ -146,12 +142,13 @@ def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation:
     other = varied(problem, gradient=Q @ problem.gradient, jacobian=problem.jacobian @ Q.T, metric=M)
     first, second = optimum_of(solver, problem), optimum_of(solver, other)
     turned_back = replace(second, value=Q.T @ second.value)
-    _require_same(
+    allowed = _require_same(
         solver,
         (problem, problem),
         (first, turned_back),
         "The coordinates decide: is the metric not the Euclidean one, or clipping done by component?",
     )
+    require_same_multipliers(solver, problem, (first, turned_back), allowed, "after the rotation")
 
 
 def _require_same(

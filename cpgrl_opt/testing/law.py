@@ -152,6 +152,15 @@ def reference_optimum(problem: DirectionProblem) -> tuple[Answer, float]:
     return answer, tolerance_of(oracle)
 
 
+def same_bits(first: Answer, second: Answer) -> bool:
+    """Whether status, direction and multipliers are the same, bit for bit."""
+    return (
+        first.status == second.status
+        and first.value.tobytes() == second.value.tobytes()
+        and first.multipliers.tobytes() == second.multipliers.tobytes()
+    )
+
+
 def require_at_most(
     found: float, limit: float, what: str, advice: str, problem: DirectionProblem, *answers: Answer
 ) -> None:

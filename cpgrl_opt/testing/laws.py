@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
-from . import conduct, honesty, invariance, optimality, projection_laws, sequences
+from . import conduct, honesty, invariance, neighbours, optimality, projection_laws, sequences, timing
 from .domain import supported_cases
+from .draws import any_of, between, integers, orders
 from .families import feasible_gradients, hostile_problems, well_posed_problems
 from .geometries import constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
-from .law import Outcome
+from .law import Outcome, varied
 from .strategies import (
     ALL_CASES,
     GEOMETRIES,
@@ -25,16 +26,16 @@ from .strategies import (
     Case,
     direction_problems,
     infeasible_problems,
-    integers,
-    orders,
     row_factors,
     shapes_of,
 )
 
 Arguments = st.SearchStrategy[dict[str, Any]]
+Problems = st.SearchStrategy[DirectionProblem]
 _ANY = tuple(Case)
 _SEVERAL_ROWS = tuple(case for case in Case if case != Case.ONE_ROW)
 _WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED, *GEOMETRIES)
+_BATCH_SIZES = (0, 0, 0, 6, 17, 64)
 _PROJECTIONS = (*ALL_CASES, Case.METRIC, Case.ONE_ROW)
 
 
@@ -45,7 +46,8 @@ class Law:
     cases: those that the law speaks about, a limit where it says something about problems so limited. needs: whether
     the solver has what the law is about; else it is excused.
     may_decline: the problems include some that no solver need answer. about_infeasible: none of them has an answer, so
-    a solver that says `finds_infeasible = False` may decline.
+    a solver that says `finds_infeasible = False` may decline. costs_time: a failure takes so long that a few are
+    enough.
     """
 
     check: Callable[..., Outcome]
@@ -54,6 +56,7 @@ class Law:
     needs: Callable[[DirectionSolver], bool] | None = None
     may_decline: bool = False
     about_infeasible: bool = False
+    costs_time: bool = False
 
     @property
     def name(self) -> str:
@@ -89,19 +92,44 @@ def _hostile(cases: Collection[Case]) -> Arguments:
 
 
 def _infeasible(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": _infeasible_problems(cases)})
+
+
+def _infeasible_problems(cases: Collection[Case]) -> Problems:
     problems = infeasible_problems(cases=constraints_of(cases))
     if Case.BALL in cases:
         out_of_reach = problems_out_of_reach(cases)
-        return st.fixed_dictionaries({"problem": st.one_of(out_of_reach, out_of_reach, in_some_ball(problems))})
+        return st.one_of(out_of_reach, out_of_reach, in_some_ball(problems))
     if Case.METRIC in cases:
         problems = st.one_of(problems, problems, in_some_metric(problems))
     if Case.RADIUS in cases:
         problems = st.one_of(problems, problems, problems_out_of_reach(cases))
-    return st.fixed_dictionaries({"problem": problems})
+    return problems
 
 
-def _two_problems(cases: Collection[Case]) -> Arguments:
-    return st.fixed_dictionaries({"problem": well_posed_problems(cases), "between": well_posed_problems(cases)})
+def _of_every_kind(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problem": _problems_of_every_kind(cases)})
+
+
+def _problems_of_every_kind(cases: Collection[Case]) -> Problems:
+    """Well-posed ones, and as many that are infeasible or hostile: what a solver does there is out of its routine."""
+    kinds = [well_posed_problems(cases), hostile_problems(cases)]
+    if any(case.is_shifted for case in constraints_of(cases)):
+        kinds.append(_infeasible_problems(cases))
+    return st.one_of(kinds)
+
+
+@st.composite
+def _two_of_every_kind(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    """Any two, or two with the same constraints: what a solver keeps from one call for the next is kept by shape."""
+    problem = draw(_problems_of_every_kind(cases))
+    if draw(st.booleans()):
+        return {"problem": problem, "between": draw(_problems_of_every_kind(cases))}
+    return {"problem": problem, "between": varied(problem, gradient=integers(draw, problem.n))}
+
+
+def _some_of_every_kind(cases: Collection[Case]) -> Arguments:
+    return st.fixed_dictionaries({"problems": st.lists(_problems_of_every_kind(cases), min_size=1, max_size=3)})
 
 
 @st.composite
@@ -120,21 +148,21 @@ def _with_order(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 @st.composite
 def _with_factors(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     problem = draw(well_posed_problems(cases))
-    return {"problem": problem, "factors": row_factors(draw, problem.m, draw(st.sampled_from((3.0, 1e4, 1e6))))}
+    return {"problem": problem, "factors": row_factors(draw, problem.m, draw(any_of((3.0, 1e4, 1e6))))}
 
 
 @st.composite
 def _with_factor(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     return {
         "problem": draw(well_posed_problems(cases)),
-        "factor": draw(st.sampled_from((2.0, 0.3, 1e4, 1e-4, 1e8, 1e-8))),
+        "factor": draw(any_of((2.0, 0.3, 1e4, 1e-4, 1e8, 1e-8))),
     }
 
 
 @st.composite
 def _with_index(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     problem = draw(well_posed_problems(cases).filter(lambda problem: problem.m > 0))
-    return {"problem": problem, "row": draw(st.integers(0, problem.m - 1))}
+    return {"problem": problem, "row": draw(between(0, problem.m - 1))}
 
 
 @st.composite
@@ -151,22 +179,36 @@ def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 
 @st.composite
 def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    n, m = draw(st.sampled_from(shapes_of(cases)))
+    n, m = draw(shapes_of(cases))
     problem = draw(_problems_of_shape(n, m, cases))
-    where = draw(st.sampled_from(("gradient", "jacobian", "bound")))
+    where = draw(any_of(("gradient", "jacobian", "bound")))
     values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
-    return {"problem": problem, "where": where, "value": draw(st.sampled_from(values))}
+    return {"problem": problem, "where": where, "value": draw(any_of(values))}
 
 
 @st.composite
 def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    n, m = draw(st.sampled_from(shapes_of(cases)))
+    """One to four problems of one shape, infeasible ones among them, or up to 64 made of these."""
+    n, m = draw(shapes_of(cases))
     problem = _problems_of_shape(n, m, cases)
     kinds: list[Case | None] = [None, None, None, *(case for case in cases if case.is_geometry)]
-    kind = draw(st.sampled_from(kinds))  # of one batch, all have a radius or none
+    kind = draw(any_of(kinds))  # of one batch, all have a radius or none
     if kind is not None and Case.BALL not in cases:
         problem = problems_in_geometry(n, m, cases=[*constraints_of(cases), kind])
-    return {"problems": draw(st.lists(problem, min_size=1, max_size=4))}
+    elif Case.BALL not in cases and any(case.is_shifted for case in constraints_of(cases)):
+        problem = st.one_of(problem, problem, infeasible_problems(n, m, cases=constraints_of(cases)))
+    few = draw(st.lists(problem, min_size=1, max_size=4))
+    return {"problems": _lengthened(few, draw(any_of(_BATCH_SIZES)))}
+
+
+def _lengthened(problems: list[DirectionProblem], count: int) -> list[DirectionProblem]:
+    """The same over and over, `count` in all, each time in another unit, so that no two have the same answer."""
+    longer = list(problems)
+    while len(longer) < count:
+        problem, unit = problems[len(longer) % len(problems)], float(1 + len(longer) // len(problems))
+        radius = None if problem.radius is None else unit * problem.radius
+        longer.append(varied(problem, gradient=unit * problem.gradient, bound=unit * problem.bound, radius=radius))
+    return longer
 
 
 def _problems_of_shape(n: int, m: int, cases: Collection[Case]) -> st.SearchStrategy[DirectionProblem]:
@@ -217,9 +259,13 @@ _TABLE = (
         about_infeasible=True,
     ),
     Law(conduct.check_non_finite_is_refused, _with_bad_number),
-    Law(conduct.check_input_is_unchanged, _well_posed, may_decline=True),
-    Law(conduct.check_answers_repeat, _two_problems, may_decline=True),
-    Law(conduct.check_silence, _well_posed, may_decline=True),
+    Law(conduct.check_input_is_unchanged, _of_every_kind, may_decline=True),
+    Law(conduct.check_answers_repeat, _two_of_every_kind, may_decline=True),
+    Law(conduct.check_silence, _of_every_kind, may_decline=True),
+    Law(neighbours.check_answers_stay, _two_of_every_kind, may_decline=True),
+    Law(neighbours.check_global_state_is_unchanged, _of_every_kind, may_decline=True),
+    Law(neighbours.check_threads_do_not_meet, _some_of_every_kind, may_decline=True),
+    Law(timing.check_time_is_in_proportion, _of_every_kind, may_decline=True, costs_time=True),
     Law(sequences.check_batch_is_loop, _batches, needs=sequences.has_batch, may_decline=True),
     Law(sequences.check_warm_start_is_cold_start, _batches, needs=sequences.has_warm_start, may_decline=True),
 )

@@ -13,6 +13,7 @@ from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
 from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most, whitened
+from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound, distance_bound, hoffman_constant
 
 
@@ -121,20 +122,23 @@ def check_zero_only_when_optimal(solver: DirectionSolver, problem: DirectionProb
 def check_agreement_with_enumeration(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """d = the direction of `enumeration`, which tries every active set: within `distance_bound`(ε + its ε).
 
-    The bound grows with Hoffman's constant, 1/angle for rows that are nearly dependent: use it for angles > 1e-7.
+    So is μ, where the rows that are on are independent (`require_same_multipliers`). The bound grows with
+    Hoffman's constant, 1/angle for rows that are nearly dependent: use it for angles > 1e-7.
     Source: the projection onto a closed convex set is unique.
     """
     answer = optimum_of(solver, problem)
     expected, its_tolerance = reference_optimum(problem)
+    allowed = answers_bound(problem, tolerance_of(solver) + its_tolerance, answer, expected)
     require_at_most(
         length(whitened(problem, answer.value - expected.value)),
-        answers_bound(problem, tolerance_of(solver) + its_tolerance, answer, expected),
+        allowed,
         "‖d − d*‖, d* by enumeration",
         "Both claim OPTIMAL and the optimum is unique: compare the active sets (μ > 0) of the two answers.",
         problem,
         answer,
         expected,
     )
+    require_same_multipliers(solver, problem, (answer, expected), allowed, "from enumeration")
 
 
 def _distance_from_polar(problem: DirectionProblem, epsilon: float) -> float:

@@ -21,6 +21,7 @@ Source: Hoffman 1952, On approximate solutions of systems of linear inequalities
 
 from functools import lru_cache
 from itertools import combinations
+from math import comb
 
 import numpy as np
 
@@ -31,21 +32,27 @@ from ..solvers import SOLVERS
 from .law import Answer, NothingClaimed, Outcome, length, whitened
 
 _EPS = float(np.finfo(np.float64).eps)
-MOST_ROWS = 12  # 2¹² sets of rows
+MOST_SETS = 10_000  # of rows, whose singular values are looked at
 
 
 def hoffman_constant(problem: DirectionProblem) -> float:
-    """H of the rows that are switched on; 1 where there are none. ValueError beyond 12 rows."""
-    if problem.m > MOST_ROWS:
-        raise ValueError(f"problem should have at most {MOST_ROWS} constraints for this bound; found {problem.m}")
+    """H of the rows that are switched on; 1 where there are none. ValueError beyond 10 000 sets of rank(Ĵ) rows.
+
+    Those of rank(Ĵ) rows are enough: each independent set is part of one, whose σ_min is no larger.
+    Source: Cauchy's interlacing theorem; Horn & Johnson, Matrix Analysis, Theorem 7.3.9.
+    """
     rows = unit_rows(euclidean(problem).jacobian).jacobian[(problem.bound > -np.inf) & problem.jacobian.any(axis=1)]
-    largest = 1.0
-    for size in range(2, min(rows.shape) + 1):
-        sets = np.array(list(combinations(range(len(rows)), size)))
-        smallest = np.linalg.svd(rows[sets], compute_uv=False)[:, -1]
-        independent = smallest > RANK_TOLERANCE
-        largest = max(largest, float((1.0 / smallest[independent]).max(initial=1.0)))
-    return largest
+    if len(rows) < 2:
+        return 1.0
+    rows = np.linalg.qr(rows.T)[1].T  # the same angles in at most m coordinates
+    values = np.linalg.svd(rows, compute_uv=False)
+    rank = int((values > RANK_TOLERANCE).sum())
+    if rank == len(rows):
+        return max(1.0, 1.0 / float(values[-1]))
+    if comb(len(rows), rank) > MOST_SETS:
+        raise ValueError(f"problem should have at most {MOST_SETS} sets of {rank} constraints; found {len(rows)} rows")
+    smallest = np.linalg.svd(rows[np.array(list(combinations(range(len(rows)), rank)))], compute_uv=False)[:, -1]
+    return float((1.0 / smallest[smallest > RANK_TOLERANCE]).max(initial=1.0))
 
 
 def relative_distance(problem: DirectionProblem, residual: float) -> float:

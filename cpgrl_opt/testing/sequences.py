@@ -18,6 +18,7 @@ from .law import (
     law,
     length,
     require_at_most,
+    same_bits,
     takes,
     whitened,
 )
@@ -93,7 +94,7 @@ def _require_same(
 ) -> None:
     """LawBroken unless two OPTIMAL answers to one problem agree."""
     first, second = answers
-    if first.status == second.status == Status.OPTIMAL:
+    if first.status == second.status == Status.OPTIMAL and not same_bits(first, second):
         require_at_most(
             length(whitened(problem, first.value - second.value)),
             2 * answers_bound(problem, tolerance_of(solver), first, second),

@@ -4,27 +4,28 @@ Entries are small integers, so that dependent rows are dependent exactly, degene
 counterexample shrinks to numbers that a person can check by hand.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
-from ..arrays import Bool, Float, Int, UInt8
+from ..arrays import Bool, Float, Int
 from ..problem import DirectionProblem
-
-# One value, (lowest, highest), or a strategy.
-IntegerChoice = int | tuple[int, int] | st.SearchStrategy[int]
-NumberChoice = float | tuple[float, float] | st.SearchStrategy[float]
-
-LARGEST_ENTRY = 9
-# Few shapes (n, m): modelling languages compile anew for each. The smallest first: Hypothesis shrinks to it.
-SHAPES = ((2, 1), (2, 3), (9, 3), (3, 5))
-DEPENDENT_SHAPES = tuple(shape for shape in SHAPES if shape[1] >= 3)
-ONE_ROW_SHAPES = ((2, 1), (1, 1), (3, 1), (9, 1))
-_BLOCK_SIZE = 9
-_BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
+from .draws import (
+    LARGEST_ENTRY,
+    IntegerChoice,
+    NumberChoice,
+    any_of,
+    between,
+    chosen,
+    integers,
+    members,
+    orders,
+    picks,
+    shapes,
+)
 
 
 class Case(StrEnum):
@@ -82,7 +83,7 @@ def direction_problems(
 ) -> DirectionProblem:
     """Problems with a geometry to order; every argument is a value, a range (lowest, highest) or a strategy.
 
-    n, m: parameters and constraints; one of `SHAPES` where neither is given.
+    n, m: parameters and constraints; where neither is given from (1, 1) to (200, 3) and (40, 12), 12 rows at most.
     rank: of J, exactly; else whatever the rows have, full as a rule.
     conditioning: σ₁(J)/σᵣ(J) ≥ 1, before the rows are scaled; else whatever small integers have.
     scale c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d. row_scale r: rows (and bounds) times 1/r, 1 or r.
@@ -94,7 +95,7 @@ def direction_problems(
     if not chosen(draw, feasible):
         problem = draw(infeasible_problems(*shape, cases=cases))
     else:
-        case = draw(st.sampled_from(members("cases", cases, ALL_CASES)))
+        case = draw(any_of(members("cases", cases, ALL_CASES)))
         order = None if rank is None else min(chosen(draw, rank), *shape)
         if conditioning is not None:
             jacobian = conditioned_rows(draw, *shape, order, chosen(draw, conditioning))
@@ -105,71 +106,18 @@ def direction_problems(
     return rescaled(problem, chosen(draw, scale), row_factors(draw, problem.m, chosen(draw, row_scale)))
 
 
-def shapes_of(cases: Collection[Case], shapes: tuple[tuple[int, int], ...] = SHAPES) -> tuple[tuple[int, int], ...]:
+def shapes_of(cases: Collection[Case], least_rows: int = 1) -> st.SearchStrategy[Any]:
     """The shapes (n, m), or those of one constraint where the cases are limited to it."""
-    return ONE_ROW_SHAPES if Case.ONE_ROW in cases else shapes
-
-
-def chosen(draw: st.DrawFn, choice: Any) -> Any:
-    """A value as it is; (lowest, highest) uniformly for integers, log-uniformly for floats; or from a strategy."""
-    if isinstance(choice, st.SearchStrategy):
-        return draw(choice)
-    if not isinstance(choice, tuple):
-        return choice
-    lowest, highest = choice
-    if isinstance(lowest, int) and isinstance(highest, int):
-        return draw(st.integers(lowest, highest))
-    steps = 20
-    return float(lowest * (highest / lowest) ** (draw(st.integers(0, steps)) / steps))
-
-
-def members(name: str, cases: Collection[Case], possible: Collection[Case]) -> list[Case]:
-    """The possible ones of the cases in one order, so that draws are reproducible; ValueError where there is none."""
-    both = [case for case in possible if case in cases]
-    if not both:
-        raise ValueError(f"{name} should include one of {', '.join(possible)}; found {', '.join(cases) or 'none'}")
-    return both
-
-
-def integers(
-    draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY, largest: int = LARGEST_ENTRY
-) -> Float[np.ndarray, "..."]:
-    """Integers lowest … largest as floats: 0 (or lowest ≥ 0) first, then 1, −1, 2, −2 …"""
-    if lowest < 0:
-        values = [0.0, *(float(sign * k) for k in range(1, largest + 1) for sign in (1, -1))]
-    else:
-        values = [float(k) for k in range(lowest, largest + 1)]
-    return picks(draw, int(np.prod(shape)), values).reshape(shape)
-
-
-def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
-    """`count` of the options, the first being the simplest."""
-    picked: np.ndarray = np.array(options, dtype=np.float64)[_bytes(draw, count) % len(options)]
-    return picked
-
-
-def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
-    """A permutation of 0 … count − 1, the identity being the simplest."""
-    order: np.ndarray = np.argsort(_bytes(draw, count), kind="stable")
-    return order
-
-
-def _bytes(draw: st.DrawFn, count: int) -> UInt8[np.ndarray, "count"]:
-    """Bytes drawn in blocks: several times faster than number by number, and each shrinks to 0 on its own.
-
-    All blocks are of one size: Hypothesis mutates by copying one draw over others, and where sizes differ it would
-    put zeros instead, so that half of all problems had no gradient.
-    """
-    blocks = [draw(_BLOCK) for _ in range(-(-count // _BLOCK_SIZE))]
-    return np.frombuffer(b"".join(blocks), dtype=np.uint8)[:count]
+    return shapes(most_rows=1) if Case.ONE_ROW in cases else shapes(least_rows=least_rows)
 
 
 def integer_rows(draw: st.DrawFn, n: int, m: int, rank: int | None = None) -> Float[np.ndarray, "m n"]:
-    """J of small integers; of exactly the rank given, rows beyond it being sums of the others."""
+    """J of small integers; of exactly the rank given, rows beyond it being sums of the others, in any order."""
     if rank is None:
-        return integers(draw, m, n, largest=draw(st.sampled_from((LARGEST_ENTRY, 2))))
+        return integers(draw, m, n, largest=draw(any_of((LARGEST_ENTRY, 2))))
     rows = np.zeros((m, n))
-    rows[:rank] = np.eye(rank, n) * draw(st.integers(1, LARGEST_ENTRY)) + np.triu(integers(draw, rank, n), 1)
+    entries = integers(draw, rank, n, largest=LARGEST_ENTRY if rank <= 3 else 1)  # triangles of 9s are near singular
+    rows[:rank] = np.eye(rank, n) * draw(between(1, LARGEST_ENTRY)) + np.triu(entries, 1)
     if 0 < rank < m:
         rows[rank:] = integers(draw, m - rank, rank, largest=1) @ rows[:rank]
     shuffled: np.ndarray = rows[orders(draw, m)]
@@ -196,7 +144,7 @@ def feasible_problem(
     point = integers(draw, n)
     binding = equality.copy()
     if conflict is not None:
-        binding |= _independent(jacobian, conflict)
+        binding |= _independent(jacobian, orders(draw, m), conflict)
     if not case.is_shifted:
         jacobian, point = _turned(jacobian, point, binding) if conflict is not None else (jacobian, 0 * point)
     bound = np.zeros(m)
@@ -205,7 +153,7 @@ def feasible_problem(
         bound = jacobian @ point - slack
     if conflict is None:
         return DirectionProblem(integers(draw, n), jacobian, bound, equality)
-    weights = integers(draw, m, lowest=1) * np.where(equality, draw(st.sampled_from((1.0, -1.0))), 1.0)
+    weights = integers(draw, m, lowest=1) * np.where(equality, picks(draw, m, (1.0, -1.0)), 1.0)
     return DirectionProblem(point - (weights * binding) @ jacobian, jacobian, bound, equality)
 
 
@@ -215,19 +163,22 @@ def infeasible_problems(
 ) -> DirectionProblem:
     """Jᵀy = 0, y > 0 on some k rows and bᵀy > 0, by at least 1e-3 max|b̂|: Farkas' vector comes first, then b.
 
-    The last of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ, tᵢ > ‖Jᵢ‖ or > ‖Jᵢ‖/32.
+    One of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ, tᵢ > ‖Jᵢ‖ or > ‖Jᵢ‖/32.
     """
-    shape = _shape(draw, n, m, shapes_of(cases, DEPENDENT_SHAPES))
-    case = draw(st.sampled_from(members("cases of infeasible problems", cases, SHIFTED_CASES)))
-    jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0])
+    shape = _shape(draw, n, m, shapes_of(cases, draw(any_of((2, 2, 1)))))  # one row alone is a zero row
+    case = draw(any_of(members("cases of infeasible problems", cases, SHIFTED_CASES)))
+    # b̂ stays within 30 times the least miss
+    jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0], largest=9 if shape[0] <= 9 else 2)
     jacobian[:, 0] += ~jacobian.any(axis=1)  # a zero row is a case of its own, k = 1
-    k = min(draw(st.sampled_from((2, 3, 2, 1))), shape[1], shape[0] + 1)
+    k = min(draw(any_of((2, 3, 2, 1, 6, 12))), shape[1], shape[0] + 1)
     jacobian[k - 1] = -picks(draw, k - 1, (1.0, 2.0, 3.0)) @ jacobian[: k - 1]
     bound = jacobian @ point - _slacks(draw, shape[1])
     excess = np.ceil(np.sqrt((jacobian[:k] ** 2).sum(axis=1))) + 1.0
-    bound[:k] = jacobian[:k] @ point + excess * draw(st.sampled_from((1.0, 1 / 32)))
+    bound[:k] = jacobian[:k] @ point + excess * draw(any_of((1.0, 1 / 32 if k <= 3 else 1.0)))
+    order = orders(draw, shape[1])
+    bound = bound[order]
     equality = _equalities(draw, shape[1], case) & (bound > -np.inf)
-    return DirectionProblem(integers(draw, shape[0]), jacobian, bound, equality)
+    return DirectionProblem(integers(draw, shape[0]), jacobian[order], bound, equality)
 
 
 def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, "m"]:
@@ -239,6 +190,8 @@ def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, 
 
 def rescaled(problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"]) -> DirectionProblem:
     """(c g, c J, c² b, c radius), row i and bᵢ times factorᵢ: the optimum becomes c d."""
+    if scale == 1.0 and (factors == 1.0).all():
+        return problem
     return DirectionProblem(
         scale * problem.gradient,
         scale * factors[:, None] * problem.jacobian,
@@ -250,30 +203,30 @@ def rescaled(problem: DirectionProblem, scale: float, factors: Float[np.ndarray,
 
 
 def _shape(
-    draw: st.DrawFn,
-    n: IntegerChoice | None,
-    m: IntegerChoice | None,
-    shapes: Sequence[tuple[int, int]],
+    draw: st.DrawFn, n: IntegerChoice | None, m: IntegerChoice | None, shapes: st.SearchStrategy[Any]
 ) -> tuple[int, int]:
     if n is None and m is None:
-        return draw(st.sampled_from(shapes))
+        shape: tuple[int, int] = draw(shapes)
+        return shape
     return chosen(draw, 3 if n is None else n), chosen(draw, 3 if m is None else m)
 
 
 def _equalities(draw: st.DrawFn, m: int, case: Case) -> Bool[np.ndarray, "m"]:
+    """All or none; in a mixed problem any rows, for what a solver puts first must come out in the caller's order."""
     if case != Case.MIXED:
         return np.full(m, case in (Case.TANGENT, Case.AFFINE))
-    return np.arange(m) < draw(st.integers(0, m))
+    equality: np.ndarray = picks(draw, m, (0.0, 1.0)) == 1.0
+    return equality
 
 
 def _slacks(draw: st.DrawFn, m: int, lowest: int = 0) -> Float[np.ndarray, "m"]:
     return picks(draw, m, (float(lowest), 1.0, 5.0, 40.0, float("inf")))
 
 
-def _independent(jacobian: Float[np.ndarray, "m n"], count: int) -> Bool[np.ndarray, "m"]:
-    """The first independent rows, at most `count`."""
+def _independent(jacobian: Float[np.ndarray, "m n"], order: Int[np.ndarray, "m"], count: int) -> Bool[np.ndarray, "m"]:
+    """The first independent rows in that order, at most `count`."""
     taken = np.zeros(len(jacobian), dtype=np.bool_)
-    for i in range(len(jacobian)):
+    for i in order:
         if taken.sum() == count:
             break
         taken[i] = True

@@ -1,0 +1,171 @@
+"""Whole arrays drawn at once: small integers, options, orders, and the shapes of problems.
+
+A number of a small array is a byte that shrinks on its own; a large array comes from a random generator whose seed is
+drawn, and from the share of its entries that are not the simplest, which shrinks to few.
+"""
+
+from collections.abc import Collection, Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache
+from typing import Any, TypeVar
+
+import numpy as np
+from hypothesis import strategies as st
+
+from ..arrays import Float, Int
+
+T = TypeVar("T")
+
+# One value, (lowest, highest), or a strategy.
+IntegerChoice = int | tuple[int, int] | st.SearchStrategy[int]
+NumberChoice = float | tuple[float, float] | st.SearchStrategy[float]
+
+LARGEST_ENTRY = 9
+# Shapes (n, m) and how often they come up; Hypothesis shrinks to the first. Two rows, few parameters and as many rows
+# as parameters are what solvers have closed forms for, long and wide ones what they have other algorithms for. 12 rows
+# are the most that `enumeration` takes.
+_TIMES = {
+    (2, 1): 2,
+    (1, 1): 2,
+    (2, 2): 3,
+    (1, 2): 1,
+    (3, 2): 4,
+    (2, 3): 2,
+    (3, 3): 1,
+    (9, 2): 1,
+    (9, 3): 3,
+    (3, 5): 2,
+    (4, 4): 1,
+    (5, 5): 2,
+    (8, 6): 1,
+    (6, 9): 1,
+    (12, 8): 1,
+    (3, 12): 1,
+    (200, 3): 1,
+    (40, 12): 1,
+}
+SHAPES = tuple(_TIMES)
+_SMALL = 3
+MOST_PARAMETERS, MOST_ROWS = 60, 12
+# A fault at a shape that is not listed is found too: one problem out of so many has any.
+_ANY_SHAPE = 6
+
+# Each array is one draw of so many bytes, whatever its shape: where Hypothesis tries a smaller shape, all other arrays
+# stay what they are.
+_BLOCK_SIZE = 48
+_STRIDE = 8  # of the rows of small matrices, so that a smaller shape is a corner of the larger
+_only_small: ContextVar[bool] = ContextVar("only_small", default=False)
+_BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
+
+
+@cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
+def _sampled(options: tuple[Hashable, ...]) -> st.SearchStrategy[Any]:
+    return st.sampled_from(options)
+
+
+def any_of(options: Sequence[T]) -> st.SearchStrategy[T]:
+    """One of the options, the first being the simplest."""
+    return _sampled(tuple(options))
+
+
+@cache
+def between(lowest: int, highest: int) -> st.SearchStrategy[int]:
+    """An integer, the one nearest to 0 being the simplest."""
+    return st.integers(lowest, highest)
+
+
+def shapes(*, least_rows: int = 1, least_parameters: int = 1, most_rows: int = MOST_ROWS) -> st.SearchStrategy[Any]:
+    """(n, m), often one of `SHAPES`, else any up to (60, 12); small ones first, or alone within `small_shapes`."""
+    return _shapes(least_rows, least_parameters, most_rows)
+
+
+@cache
+def _shapes(least_rows: int, least_parameters: int, most_rows: int) -> st.SearchStrategy[Any]:
+    listed = [(n, min(m, most_rows)) for (n, m), times in _TIMES.items() for _ in range(times)]
+    listed = [(n, m) for n, m in listed if n >= least_parameters and m >= least_rows]
+    small = any_of([(n, m) for n, m in dict.fromkeys(listed) if max(n, m) <= _SMALL])
+    choices = any_of([*listed, *[None] * (len(listed) // (_ANY_SHAPE - 1) + 1)])
+    parameters, rows = between(least_parameters, MOST_PARAMETERS), between(least_rows, most_rows)
+
+    @st.composite
+    def shape(draw: st.DrawFn) -> tuple[int, int]:
+        if _only_small.get():
+            return draw(small)
+        other = draw(parameters), draw(rows)  # in any case, so that the draws that follow stay in place
+        return draw(choices) or other
+
+    return shape()
+
+
+@contextmanager
+def small_shapes() -> Iterator[None]:
+    """Inside, no shape is larger than (3, 3): for a counterexample that is checked by hand."""
+    token = _only_small.set(True)
+    try:
+        yield
+    finally:
+        _only_small.reset(token)
+
+
+def chosen(draw: st.DrawFn, choice: Any) -> Any:
+    """A value as it is; (lowest, highest) uniformly for integers, log-uniformly for floats; or from a strategy."""
+    if isinstance(choice, st.SearchStrategy):
+        return draw(choice)
+    if not isinstance(choice, tuple):
+        return choice
+    lowest, highest = choice
+    if isinstance(lowest, int) and isinstance(highest, int):
+        return draw(between(lowest, highest))
+    steps = 20
+    return float(lowest * (highest / lowest) ** (draw(between(0, steps)) / steps))
+
+
+def integers(
+    draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY, largest: int = LARGEST_ENTRY
+) -> Float[np.ndarray, "..."]:
+    """Integers lowest … largest as floats: 0 (or lowest ≥ 0) first, then 1, −1, 2, −2 …"""
+    return _picked(draw(_BLOCK), shape, _by_size(lowest, largest))
+
+
+def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
+    """`count` of the options, the first being the simplest."""
+    return _picked(draw(_BLOCK), (count,), tuple(options))
+
+
+def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
+    """A permutation of 0 … count − 1 ≤ 47, the identity being the simplest."""
+    order: np.ndarray = np.argsort(np.frombuffer(draw(_BLOCK), dtype=np.uint8)[:count], kind="stable")
+    return order
+
+
+@cache
+def _by_size(lowest: int, largest: int) -> tuple[float, ...]:
+    if lowest < 0:
+        return (0.0, *(float(sign * k) for k in range(1, largest + 1) for sign in (1, -1)))
+    return tuple(float(k) for k in range(lowest, largest + 1))
+
+
+def _picked(block: bytes, shape: tuple[int, ...], options: tuple[float, ...]) -> Float[np.ndarray, "..."]:
+    """One option for each byte; a larger array by a generator that the block seeds, its first byte saying how full."""
+    values, drawn = np.array(options), np.frombuffer(block, dtype=np.uint8)
+    count, (rows, columns) = int(np.prod(shape)), (1, *shape)[-2:]
+    if columns <= _STRIDE and rows <= _BLOCK_SIZE // _STRIDE:
+        drawn = drawn.reshape(-1, _STRIDE)[:rows, :columns]
+    elif count > _BLOCK_SIZE:
+        rng = np.random.default_rng(drawn)
+        full = min(float(drawn[0]) / 128.0, 1.0)  # half of all are
+        return np.where(rng.random(shape) < full, rng.choice(values, shape), values[0])
+    else:
+        drawn = drawn[:count]
+    picked: np.ndarray = values[drawn % len(options)].reshape(shape)
+    return picked
+
+
+def members(name: str, cases: Collection[T], possible: Collection[T]) -> tuple[T, ...]:
+    """The possible ones of the cases in one order, so that draws are reproducible; ValueError where there is none."""
+    both = tuple(case for case in possible if case in cases)
+    if not both:
+        known, found = (", ".join(map(str, names)) for names in (possible, cases))
+        raise ValueError(f"{name} should include one of {known}; found {found or 'none'}")
+    return both

@@ -1,0 +1,177 @@
+"""Laws of a solver among others: whoever runs beside it, before it or after it in one process sees nothing of it."""
+
+import random
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, cast
+
+import numpy as np
+
+from ..direction import Status
+from ..problem import DirectionProblem
+from ..solvers.interface import DirectionSolver, tolerance_of
+from .law import (
+    Answer,
+    LawBroken,
+    NothingClaimed,
+    Outcome,
+    answer_of,
+    checked_answer,
+    described,
+    law,
+    length,
+    require_at_most,
+    same_bits,
+    takes,
+    varied,
+    whitened,
+)
+from .process_state import CHANGED_BY_IMPORTS, changes_since, restored, snapshot
+from .sensitivity import answers_bound
+
+_THREADS, _ROUNDS = 4, 3
+_SWITCH_INTERVAL = 1e-5  # s, for 5 ms: threads then meet inside of one solve
+_LONGEST_WAIT = 120.0  # s, for threads that should be done in a moment
+
+
+@law
+def check_answers_stay(solver: DirectionSolver, problem: DirectionProblem, between: DirectionProblem) -> None:
+    """An answer does not change when another problem is solved, and nothing changes when it is written to.
+
+    Bit for bit; of solve and, where there is one, of solve_batch. Read-only arrays are not written to.
+    Source: answers are kept beside each other; an array that is returned is the caller's.
+    """
+    if not takes(solver, problem):
+        raise NothingClaimed(Outcome.SKIPPED)
+    _require_lasting(solver, problem, between, lambda each: solver.solve(varied(each)))
+    if hasattr(solver, "solve_batch") and between.jacobian.shape == problem.jacobian.shape:
+        batch: Callable[[Any], Any] = cast(Any, solver).solve_batch
+        _require_lasting(solver, problem, between, lambda each: batch([varied(each)])[0])
+
+
+@law
+def check_threads_do_not_meet(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> None:
+    """Four threads that solve at once get the answers that one gets, and streams, filters and modes stay as they were.
+
+    The same status and, where OPTIMAL, ‖Δd‖ ≤ 2 · `distance_bound`(ε). Source: a solver is a function.
+    """
+    problems = [problem for problem in problems if takes(solver, problem)]
+    if not problems:
+        raise NothingClaimed(Outcome.SKIPPED)
+    alone = [answer_of(solver, problem) for problem in problems]
+    with restored():
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        before = snapshot()
+        together = _in_threads(solver, problems)
+        changed = changes_since(before)
+    for k, answer in together:
+        if isinstance(answer, Exception):
+            raise LawBroken(f"solve should answer while other threads solve too; {answer}{described(problems[k])}")
+        _require_same(solver, problems[k], alone[k], answer)
+    if changed:
+        raise LawBroken(
+            f"four threads that solve should leave the process as it was; found changed: {', '.join(changed)}. What is "
+            f"swapped and put back by each call is put back in another order by two{described(problems[0])}"
+        )
+
+
+@law
+def check_global_state_is_unchanged(solver: DirectionSolver, problem: DirectionProblem) -> None:
+    """Generators, floating-point modes, warning filters, environment, folder, signals, streams, threads stay.
+
+    Of two calls in a row; what the import of a package may change once (filters, environment, sys.path, threads) is
+    looked at in the second only. Source: it belongs to the caller, whose random numbers the seed of a solver repeats.
+    """
+    for call in (0, 1):
+        with restored():
+            random.seed(91 + call)
+            np.random.seed(91 + call)  # noqa: NPY002 - the caller's, whom the solver must not meet
+            before = snapshot()
+            answer_of(solver, problem)
+            changed = [name for name in changes_since(before) if call == 1 or name not in CHANGED_BY_IMPORTS]
+        if changed:
+            raise LawBroken(
+                f"solve should leave the process as it was; found changed: {', '.join(changed)}. Use a generator, a "
+                f"context or an option of your own{described(problem)}"
+            )
+
+
+def _require_lasting(
+    solver: DirectionSolver, problem: DirectionProblem, between: DirectionProblem, ask: Callable[[Any], Any]
+) -> None:
+    kept = _raw(problem, ask)
+    first = checked_answer(problem, kept)
+    if takes(solver, between):
+        with suppress(Exception):  # other laws are about what becomes of it
+            ask(between)
+    later = checked_answer(problem, kept)
+    if not same_bits(first, later):
+        raise LawBroken(
+            "an answer should stay as it is when another problem is solved; found that it changed: return copies of "
+            f"what the next call writes to{described(problem, first, later)}"
+        )
+    for array in (kept.value, kept.multipliers):
+        if isinstance(array, np.ndarray) and array.flags.writeable:
+            array[...] = 77.0
+    again = checked_answer(problem, _raw(problem, ask))
+    if not same_bits(first, again):
+        raise LawBroken(
+            "what a caller writes into an answer should not come back in the next; found that it did: return copies of "
+            f"what is kept{described(problem, first, again)}"
+        )
+
+
+def _raw(problem: DirectionProblem, ask: Callable[[Any], Any]) -> Any:
+    try:
+        return ask(problem)
+    except Exception as error:
+        raise LawBroken(
+            f"solve should answer; it raised {type(error).__name__}: {error}{described(problem)}"
+        ) from error
+
+
+def _in_threads(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> list[tuple[int, Answer | Exception]]:
+    """(index, answer) of all problems, several times over, each thread beginning with another."""
+    answers: list[tuple[int, Answer | Exception]] = []
+    start = threading.Barrier(_THREADS)
+
+    def work(number: int) -> None:
+        start.wait()
+        for step in range(_ROUNDS * len(problems)):
+            k = (number + step) % len(problems)
+            try:
+                answers.append((k, checked_answer(problems[k], solver.solve(problems[k]))))
+            except Exception as error:
+                answers.append((k, error))
+
+    threads = [threading.Thread(target=work, args=(number,), daemon=True) for number in range(_THREADS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(_LONGEST_WAIT)
+        if thread.is_alive():
+            raise LawBroken(f"four threads should all come back; found one that waits{described(problems[0])}")
+    return answers
+
+
+def _require_same(solver: DirectionSolver, problem: DirectionProblem, alone: Answer, answer: Answer) -> None:
+    if same_bits(alone, answer):
+        return
+    advice = "Keep what a call works with in that call: threads share the solver's attributes and module's globals."
+    if alone.status != answer.status:
+        raise LawBroken(
+            f"solve should say {alone.status.name} in a thread too; found {answer.status.name}. {advice}"
+            f"{described(problem, alone, answer)}"
+        )
+    if alone.status == Status.OPTIMAL:
+        require_at_most(
+            length(whitened(problem, alone.value - answer.value)),
+            2 * answers_bound(problem, tolerance_of(solver), alone, answer),
+            "‖d − d'‖ of one thread and of four",
+            advice,
+            problem,
+            alone,
+            answer,
+        )
