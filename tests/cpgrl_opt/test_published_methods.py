@@ -8,6 +8,7 @@ from scipy.optimize import nnls
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.published import AGEM, CPO, CRPO, GEM, MGDA, PCPO, PUBLISHED, PCGrad, UPGrad
+from cpgrl_opt.published._mgda import shortest_of_hull
 from cpgrl_opt.testing import direction_problems
 from cpgrl_opt.testing.strategies import Case
 
@@ -200,3 +201,17 @@ def test_switched_off_rows_are_no_tasks():
     alone = DirectionProblem([1.0, 0.0], [[-1.0, 1.0]])
     for name in ("gem", "a-gem", "pcgrad", "mgda", "upgrad"):
         np.testing.assert_allclose(value(PUBLISHED[name], problem), value(PUBLISHED[name], alone), atol=1e-12)
+
+
+@pytest.mark.parametrize("number", [397, 794, 864, 1111, 1866, 2388])
+def test_the_shortest_vector_is_found_where_scipys_nnls_stops_early(number):
+    """Gradients of low rank, and the shortest vector of their hull among them (scipy issue 25389)."""
+    rng = np.random.default_rng(number)
+    n, m = int(rng.integers(3, 14)), int(rng.integers(4, 13))
+    rank = int(rng.integers(2, min(n, m)))
+    gradients = rng.integers(-1, 2, (m, rank)) @ rng.integers(-3, 4, (rank, n)).astype(float)
+    gradients = np.vstack([shortest_of_hull(gradients)[0], gradients])
+    d, weights = shortest_of_hull(gradients)
+    assert (gradients @ d).min() >= d @ d - 1e-9
+    np.testing.assert_allclose(weights @ gradients, d, atol=1e-9)
+    np.testing.assert_allclose(weights.sum(), 1.0, atol=1e-12)
