@@ -16,8 +16,8 @@ from .interface import Declaration, is_cone, stacked_gradients
 
 # ‖d‖ that rounding leaves of 0, over Σwᵢ‖gᵢ‖.
 _ROUNDING = 1e-14
-# Cᵀ(t − Cu) at the optimum, where the columns are of length √2 at most: its own tolerance is 1e-14 or so, what it leaves
-# behind where it stops early 1e-2.
+# Cᵀ(t − Cu) at the optimum, C's columns being of length √2 at most: nnls leaves 1e-14 or so, and 1e-2 where it stops
+# early.
 _OPTIMALITY = 1e-10
 
 
