@@ -9,16 +9,13 @@ from ..arrays import Float, Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem, lengths, unit_rows
 from ..settings import CheckedSettings
-from ..solvers import SOLVERS
 from ..solvers.interface import unsupported
+from ._dual_cone import nonnegative_least_squares
 from .adapter import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients
 
 # ‖d‖ that rounding leaves of 0, over Σwᵢ‖gᵢ‖.
 _ROUNDING = 1e-14
-# Cᵀ(t − Cu) at the optimum, C's columns being of length √2 at most: nnls leaves 1e-14 or so, and 1e-2 where it stops
-# early.
-_OPTIMALITY = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,31 +68,15 @@ def shortest_of_hull(gradients: Jacobian) -> tuple[Vector, Float[np.ndarray, "k"
     s²‖Gᵀw‖²/(s² + ‖Gᵀw‖²), which grows with ‖Gᵀw‖, whatever s > 0. Solved on unit gradients, uᵢ‖gᵢ‖ = ûᵢ s, with s
     the shortest, which is no shorter than d: long gradients beside short ones then cost no digits.
     """
-    from scipy.optimize import nnls
-
     rows, size = unit_rows(gradients), lengths(gradients)
     shortest = float(size.min())
     if shortest == 0.0:
         return np.zeros(gradients.shape[1]), np.asarray((size == 0.0) / (size == 0.0).sum())
     columns = np.vstack([rows.jacobian.T, shortest / size])
     target = np.append(np.zeros(gradients.shape[1]), 1.0)
-    weights, _ = nnls(columns, target, maxiter=30 * len(gradients))
-    if not _is_shortest(columns, weights, target):
-        weights = _by_active_set(columns, target)
+    weights = nonnegative_least_squares(columns, target)
     total = float((weights * (shortest / size)).sum())
     value = (weights / total) @ rows.jacobian
     if float(lengths(value)) <= _ROUNDING * float((weights / total).sum()):
         value = np.zeros_like(value)
     return shortest * value, np.asarray(weights / total * (shortest / size))
-
-
-def _is_shortest(columns: Jacobian, weights: Vector, target: Vector) -> bool:
-    """Cᵀ(Cu − t) ≥ 0: scipy's nnls stops early on some columns that depend (scipy issue 25389)."""
-    pull: Vector = columns.T @ (target - columns @ weights)
-    return bool((pull <= _OPTIMALITY).all())
-
-
-def _by_active_set(columns: Jacobian, target: Vector) -> Vector:
-    """argmin_{u ≥ 0} ‖Cu − t‖, the multipliers of the projection of −t onto {v : Cᵀv ≥ 0}. Source: Moreau 1962."""
-    answer = SOLVERS["active-set"].solve(DirectionProblem(-target, columns.T))
-    return answer.multipliers
