@@ -1,6 +1,9 @@
 """What compiled estimators share that drive an environment's own kernels with a normalised Gaussian network."""
 
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -55,18 +58,28 @@ class ContinuousRollout:
             if found != wanted:
                 raise ValueError(f"policy should have {wanted} {what}, as the environment; found {found}")
         self.shape = (len(streams), kernels.reward_channels, len(policy.parameters))
-        self.fixed = (
-            first_class(kernels.reset, RESET_SIGNATURE),
-            first_class(kernels.step, STEP_SIGNATURE),
-            kernels.constants,
-            min(int(steps), kernels.max_steps),
-            *grid_of(policy),
-            policy.deviation,
-        )
-        # Its entry point, since finding it anew by the types of twenty arguments takes longer than a short episode.
-        (compiled,) = advance.overloads.values()
-        self.call = compiled.entry_point
+        self.kernels, self.compiled = kernels, advance
+        self.shared = (kernels.constants, min(int(steps), kernels.max_steps), *grid_of(policy), policy.deviation)
+        self._look_up()
         self.random_states = np.array([random_state(stream) for stream in streams])
+
+    def _look_up(self) -> None:
+        """Addresses of machine code: of this process, so they are no part of what is pickled."""
+        reset, step = first_class(self.kernels.reset, RESET_SIGNATURE), first_class(self.kernels.step, STEP_SIGNATURE)
+        self.fixed = (reset, step, *self.shared)
+        # Its entry point, since finding it anew by the types of twenty arguments takes longer than a short episode.
+        (compiled,) = self.compiled.overloads.values()
+        self.call = compiled.entry_point
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = {name: value for name, value in vars(self).items() if name not in ("fixed", "call")}
+        kernels = {field.name: _by_name(getattr(self.kernels, field.name)) for field in fields(self.kernels)}
+        return {**state, "kernels": kernels, "compiled": _by_name(self.compiled)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        kernels = ContinuousKernels(**{name: _found(value) for name, value in state["kernels"].items()})
+        vars(self).update({**state, "kernels": kernels, "compiled": _found(state["compiled"])})
+        self._look_up()
 
     def advance(
         self, parameters: Float[np.ndarray, "B n"], own: tuple[Any, ...]
@@ -83,3 +96,20 @@ class ContinuousRollout:
         with InterruptsHeld():
             self.call(*self.fixed, contiguous, self.random_states, *own, *filled)
         return filled
+
+
+@dataclass(frozen=True)
+class _Name:
+    """Where a compiled function is found: numba would pickle its source, and compile it anew, half a minute long."""
+
+    module: str
+    name: str
+
+
+def _by_name(value: Any) -> Any:
+    named = _Name(str(getattr(value, "__module__", "")), str(getattr(value, "__name__", "")))
+    return named if getattr(sys.modules.get(named.module), named.name, None) is value else value
+
+
+def _found(value: Any) -> Any:
+    return getattr(import_module(value.module), value.name) if isinstance(value, _Name) else value
