@@ -4,7 +4,8 @@
     max_d gᵀd             s.t.   the same,   dᵀM d ≤ radius²   (of several, the shortest)   the trust region
 
 M = I, so min ½‖d − g‖², where no metric is given. With b = 0 the first points the way of max_s gᵀs, sᵀMs = 1, the
-problem of §2.3 of the paper. The second is that of constrained policy optimization (Achiam et al. 2017, eq. 10).
+problem of §2.3 of the paper. The second, with b = −slack, is that of constrained policy optimization (Achiam et al.
+2017, eq. 10).
 """
 
 from collections.abc import Sequence

@@ -87,8 +87,11 @@ class ConstrainedStep(ReadOnlyArrays):
         of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone` and in `restoring`, where that v is inside. Ours.
     metric M: (n,) positive or (n, n) symmetric positive definite: s, v and their lengths are taken in it (a natural
         gradient where M is the Fisher matrix). radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹
-        projected; with `restoring` this is constrained policy optimization (Achiam et al. 2017). Restorations v know
-        no radius. The solver should have `takes_geometry`.
+        projected. θ moves by α₁ s, so by α₁ radius at the most: by 0.002 with a radius of 0.1 and α₁ = 0.02. With
+        `restoring` s solves a problem like that of constrained policy optimization (Achiam et al. 2017), but only on
+        the active constraints and with b = −(αₑ/α₁) min(slack, 0), where CPO has b = −slack for all: a constraint that
+        is met with slack may be broken in one step. Restorations v know no radius. The solver should have
+        `takes_geometry`.
     on_failure: a subproblem neither OPTIMAL nor INFEASIBLE is handed to active-set ("fallback"), leaves θ as it
         is ("skip"), or raises DirectionError ("raise"). A fallback that fails too is skipped.
     """

@@ -1,11 +1,21 @@
-"""A step in a metric and in a ball: natural gradients, constrained policy optimization, and what stays as it was."""
+"""A step in a metric and in a ball: natural gradients, trust regions, and what stays as it was."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, Linearization, Status, WithGeometry, kkt_residuals
+from cpgrl_opt import (
+    SOLVERS,
+    ConstrainedStep,
+    Direction,
+    DirectionProblem,
+    Linearization,
+    Status,
+    WithGeometry,
+    kkt_residuals,
+)
+from cpgrl_opt.published import CPO
 from cpgrl_opt.solvers import is_installed
 
 FORMULATIONS = ["equality", "cone", "restoring"]
@@ -52,7 +62,7 @@ def test_equality_in_a_metric_is_the_projection_and_restoration_in_it():
     np.testing.assert_allclose(plain(metric=M)(linearization, thresholds).change, 0.02 * s + 0.05 * v, rtol=1e-8)
 
 
-def test_restoring_with_a_radius_is_constrained_policy_optimization():
+def test_restoring_with_a_radius_solves_a_trust_region_problem_on_the_active_constraints():
     """max gᵀs s.t. Js ≥ (αₑ/α₁)t, sᵀMs ≤ radius²; the observed problem and answer are the referee's to judge."""
     M, linearization, seen = fisher(4), random_linearization(5), []
     thresholds = linearization.values[1:] + np.array([0.02, 0.01])
@@ -65,6 +75,20 @@ def test_restoring_with_a_radius_is_constrained_policy_optimization():
     assert answers[0].radius_multiplier > 0
     assert kkt_residuals(problems[0], answers[0]).worst <= 1e-12
     np.testing.assert_allclose(result.change, 0.02 * answers[0].value)
+
+
+def test_restoring_with_a_radius_is_not_constrained_policy_optimization_where_there_is_slack():
+    """The slack of 0.05 keeps the constraint out of ours; CPO asks Jd ≥ −0.05. And a radius is no length of a step."""
+    gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
+    linearization = Linearization([0.0, slack], [gradient, *row])
+    settings = {"formulation": "restoring", "step_size": 1.0, "restoration_rate": 1.0}
+    ours = ConstrainedStep(**settings, radius=1.0)(linearization, [0.0]).change
+    cpo = CPO().solve(DirectionProblem(gradient, row, -slack, radius=1.0))
+    np.testing.assert_allclose(ours, np.array(gradient) / np.hypot(1.0, 0.3), rtol=1e-12)
+    np.testing.assert_allclose(slack + row @ ours, -0.9078, atol=1e-4)
+    np.testing.assert_allclose(cpo.value, [-0.05, np.sqrt(1.0 - 0.05**2)], rtol=1e-12)
+    by_default = ConstrainedStep(formulation="restoring", radius=0.1)(linearization, [0.0]).change
+    assert np.linalg.norm(by_default) == pytest.approx(0.002, rel=1e-12)
 
 
 def test_a_restoration_that_the_ball_cannot_reach_is_counted_infeasible():
