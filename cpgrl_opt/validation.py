@@ -115,6 +115,8 @@ def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
 
 
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:
+    if type(values) is np.ndarray:
+        return values
     parts = values if isinstance(values, list | tuple) else (values,)
     # By the attribute, for np.ma is imported late, and takes as long as ten thousand solves.
     if any(isinstance(part, np.ndarray) and np.any(getattr(part, "mask", False)) for part in parts):
