@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from ..answers import status_of
 from ..arrays import Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem, lengths
 from ..solvers import SOLVERS
 from ..solvers.interface import DirectionSolver, computes_in_single, is_single, supports, tolerance_of
 
-_LEAST_IN_SINGLE = float(np.finfo(np.float32).tiny)
+# Below it float32 loses digits, and a processor in its fast mode takes the number for 0.
+_LEAST_NORMAL_IN_SINGLE = float(np.finfo(np.float32).tiny)
 
 
 class Outcome(StrEnum):
@@ -110,7 +112,7 @@ def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
     try:
         value = np.array(direction.value, dtype=np.float64)
         multipliers = np.array(direction.multipliers, dtype=np.float64)
-        status = _status(direction.status)
+        status = status_of(direction.status)
         radius_multiplier = float(getattr(direction, "radius_multiplier", 0.0))
     except (AttributeError, TypeError, ValueError, KeyError) as error:
         raise LawBroken(
@@ -175,7 +177,7 @@ def is_held_in_single(problem: DirectionProblem) -> bool:
     """Whether all numbers of the problem are normal float32 numbers, or 0 or −∞."""
     for part in (problem.gradient, problem.jacobian, problem.bound, problem.metric, problem.radius):
         numbers = np.asarray(0.0 if part is None else part)
-        if not (np.abs(numbers[(numbers != 0) & (numbers > -np.inf)]) >= _LEAST_IN_SINGLE).all():
+        if not (np.abs(numbers[(numbers != 0) & (numbers > -np.inf)]) >= _LEAST_NORMAL_IN_SINGLE).all():
             return False
         with np.errstate(over="ignore"):
             if not (numbers.astype(np.float32) == numbers).all():
@@ -221,7 +223,3 @@ def described(problem: DirectionProblem, *answers: Answer) -> str:
 
 def _numbers(array: np.ndarray) -> str:
     return np.array2string(array, precision=9, separator=", ", threshold=100).replace("\n", "\n                ")
-
-
-def _status(status: Any) -> Status:
-    return Status[status.upper()] if isinstance(status, str) else Status(int(status))
