@@ -11,18 +11,12 @@ def real_values(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """`values` as float64, not copied if they are; a ValueError for what is no array of real numbers."""
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
-    given = _as_array(name, values)
-    if given.dtype.kind not in "biuf":
-        raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
-    return np.asarray(given, dtype=np.float64)
+    return np.asarray(_as_real_array(name, values), dtype=np.float64)
 
 
 def real_array(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.float64]:
     """A read-only, C-contiguous float64 copy of `values` with `ndim` axes (None: any) and no NaN."""
-    given = _as_array(name, values)
-    if given.dtype.kind not in "biuf":
-        raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
-    array = np.array(given, dtype=np.float64, order="C", copy=True)
+    array = np.array(_as_real_array(name, values), dtype=np.float64, order="C", copy=True)
     if ndim is not None and array.ndim != ndim:
         raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
     if np.isnan(array).any():
@@ -112,6 +106,13 @@ def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
     """ValueError that lists the right names unless `value` is one of them."""
     if value not in members:
         raise ValueError(f"{name} should be one of {', '.join(members)}; found {value!r}")
+
+
+def _as_real_array(name: str, values: ArrayLike) -> NDArray[Any]:
+    given = _as_array(name, values)
+    if given.dtype.kind not in "biuf":
+        raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
+    return given
 
 
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:

@@ -32,7 +32,6 @@ OUTCOMES = (
     "crash",
     "unsupported",
 )
-VARIANTS = ("prepared", "raw")
 SOLVED = ("success", "inaccurate")  # what counts with its own time; the rest, but unsupported, counts at the limit
 
 
