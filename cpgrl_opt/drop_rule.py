@@ -63,6 +63,7 @@ def leaving_constraints(
     rows = np.where(constraints.active[:, :, None], unit[:, 1:], 0.0)
     hats = np.where(constraints.active, unit_multipliers(rows, unit[:, 0]), 0.0)  # rounding leaves some of no row
     largest = hats.max(axis=1, initial=0.0, keepdims=True)
+    # Where even the largest is below _NEGLIGIBLE it leaves: no λ ≤ 0 exists, and the search must get on.
     positive = constraints.active & (hats >= np.minimum(_NEGLIGIBLE, largest))
     with np.errstate(over="ignore"):
         harm = constraints.original(np.ldexp(hats / size[:, 1:], -exponents[:, 1:])) if raw else hats

@@ -45,10 +45,10 @@ def _run(task: Callable[[Sequence[int]], T], share: Sequence[int], parent: int) 
 
 @cache
 def _end_with(parent: int) -> None:
-    """Looks every second whether the parent is gone, after which nobody waits for this process.
+    """Ends this process at most a second after its parent.
 
-    joblib's workers do not: one that never ends its task would go on for ever. On Windows a process keeps its parent's
-    number, and there it does.
+    joblib's workers do not look: one whose task never ends would go on for ever. On Windows it still does, since there
+    a process keeps its parent's number after the parent's end.
     """
 
     def look() -> None:

@@ -42,8 +42,10 @@ class PolicyError(RolloutError):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Step:
-    """x_t, u_t, the rewards that (x_t, u_t) yields, (1 + m,), the event that ended the episode, 0 for none, x_{t+1},
-    and ψ_t. All are copies of what environment and policy handed out: neither can change them later.
+    """x_t, u_t, r_t, the event, x_{t+1} and ψ_t.
+
+    reward: (1 + m,), what (x_t, u_t) yields; event: the one that ended the episode, 0 for none. All are copies of what
+    environment and policy handed out: neither can change them later.
     """
 
     observation: Any
@@ -59,8 +61,8 @@ def episode(
 ) -> Iterator[Step]:
     """Steps from a reset, seeded from `rng`, to the episode's end or to `limit` steps.
 
-    A terminated episode's last event is info["cpgrl_event"], or info[environment.event_key] where the environment
-    declares such a key, if that is an integer ≥ 1; else 1.
+    At a termination the event is info[key] if that is an integer ≥ 1, else 1. The key is the environment's
+    `event_key`, and "cpgrl_event" where it declares none.
     The environment gets its own copy of each action, in the dtype of its `action_space`; ψ is of the action as drawn.
     An action outside the space's bounds goes over as it is: clip it behind the policy, by `ClipAction` of
     gymnasium.wrappers or in the environment itself.

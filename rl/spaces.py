@@ -11,8 +11,6 @@ from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, 
 P = TypeVar("P")
 
 _OURS = (SoftmaxTable, LinearSoftmax, LinearGaussian, NormalizedGaussianNetwork)
-
-
 _IMMUTABLE = (int, float, str, bool, type(None))
 
 

@@ -1,6 +1,6 @@
-"""What a cell of the comparison was measured on, in one word: where it is another, the cell is measured anew.
+"""A key for what a cell of the comparison was measured on. Where the key has changed, the cell is measured anew.
 
-It speaks of the solver (its settings; of somebody's own its source, see `sources`; the versions of the packages it
+It depends on the solver (its settings; of somebody's own its source, see `sources`; the versions of the packages it
 stands on), of the problems (the recording's bytes), and of this package's sources that draw, solve and judge them.
 """
 

@@ -22,8 +22,9 @@ _KEY_COLUMNS = ("solver", "variant", "family", "key")
 class Checkpoint:
     """The folder of a comparison: settings.json, and measurements.csv, to which finished cells are added.
 
-    keys.csv says what each cell was measured on, in a word; a cell whose word has changed counts as unfinished. Cells
-    that are not asked for this time stay in the file. After `finished`: `kept`, these; `stale`, those that changed.
+    keys.csv has a key for what each cell was measured on; a cell whose key has changed counts as unfinished. Cells
+    that are not asked for this time stay in the file. After `finished` these are in `kept`, those whose key has changed
+    in `stale`.
     """
 
     def __init__(
@@ -37,8 +38,8 @@ class Checkpoint:
         """Opens the folder, making it where it is missing. anew: forgets what is there.
 
         ValueError with advice where the folder holds measurements made with other settings. Of a setting that is a
-        mapping only the names that both have are compared: what other solvers stand on does not matter here. free(the
-        setting, the name): whether the name's value may change, which `changed` tells then.
+        mapping only the names that both have are compared: what other solvers stand on does not matter here.
+        free(setting, name): whether that name's value may differ; `changed` then has the name.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / MEASUREMENTS

@@ -77,7 +77,7 @@ def _base(top: str) -> Path | None:
 
 
 def _file(base: Path, name: str) -> Path | None:
-    """The file of a module; None where the name is no module's, but of something in one, or of a bare folder."""
+    """The file of a module; None where no file has that name: it is a function's, say, or a bare folder's."""
     place = base.joinpath(*name.split("."))
     binaries = (path for suffix in _BINARY for path in sorted(place.parent.glob(f"{place.name}.*{suffix}")))
     candidates = (place.with_name(f"{place.name}.py"), place / "__init__.py", *binaries)

@@ -1,4 +1,4 @@
-"""What a solver takes: asked of `supports` for examples of every kind and of every shape that is drawn often."""
+"""Which problems a solver takes: its `supports` is asked about examples of each kind in each of the usual shapes."""
 
 from collections.abc import Hashable, Iterator
 from functools import cache
@@ -13,10 +13,10 @@ from .strategies import ALL_CASES, Case
 
 
 def supported_cases(solver: DirectionSolver) -> list[Case]:
-    """The cases of which the solver's `supports` takes an example, the five of constraints if it has none.
+    """The cases of which the solver's `supports` takes an example; without a `supports`, the five of constraints.
 
-    And what all examples that it takes have in common: one row at most, a ball. Raises LawBroken where `supports`
-    raises, or contradicts itself.
+    ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius. Raises LawBroken
+    where `supports` raises or contradicts itself.
     """
     taken = [problem for problem in _examples() if takes(solver, problem)]
     if not taken:

@@ -134,9 +134,10 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
 
 
 def _draws_for(law: Law, solver: DirectionSolver, max_examples: int, number: int) -> tuple["_Draws", int]:
-    """The problems that all solvers get, and 0; where this one takes less than half of them, as many that it takes.
+    """The problems to draw, and how many of the first hundred were left out since the solver does not take them.
 
-    And how many it did not take, of the first hundred.
+    All solvers get the same problems, and nothing is left out. But where a solver takes less than half of them, it gets
+    as many others that it does take.
     """
     draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
     sample = replace(draws, max_examples=min(max_examples, 100))._kept()

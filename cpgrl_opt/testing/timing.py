@@ -21,10 +21,11 @@ _OTHERS = 5
 
 @law
 def check_time_is_in_proportion(solver: DirectionSolver, problem: DirectionProblem) -> None:
-    """No answer takes more than 50 times the median of ordinary problems of its shape, and 0.1 s, and 2ᵐ · 0.5 ms.
+    """No answer takes longer than 0.1 s, 2ᵐ · 0.5 ms and 50 times the median of its shape, whichever is the longest.
 
-    The least of four attempts counts, so that neither a first call, which may import and compile, nor a busy machine
-    breaks it. Source: a step in a training loop waits for the slowest of its problems.
+    The median is that of ordinary problems. The least of four attempts counts, so that neither a first call, which may
+    import and compile, nor a busy machine breaks it. Source: a step in a training loop waits for the slowest of its
+    problems.
     """
     least = _seconds(solver, problem)
     floor = max(_UNNOTICED, _FOR_EACH_SET * 2.0**problem.m)

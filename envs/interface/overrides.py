@@ -1,4 +1,4 @@
-"""For whose behaviour compiled code stands: for the class that declares it, as long as nobody below it has other code.
+"""Whether compiled code may stand for an object: only while nothing below the class that declares it has other code.
 
 A kernel restates code, the `step` of an environment or the `sample` of a policy. Whoever overrides that code means the
 override, so compiled code may then no longer take its place. Data needs no such rule: kernels are handed data.

@@ -98,10 +98,9 @@ def channels_from_start(
 
 
 class UpdateWatch:
-    """Says so where no run has made an update yet: a warning after _MANY episodes of all runs together, ValueError
-    after _ENOUGH.
+    """Warns after _MANY episodes without an update, counted over all runs; ValueError after _ENOUGH.
 
-    A one-step episode among longer ones adds nothing to Δ, which is right.
+    Once a run has made an update it says nothing more: a one-step episode among longer ones rightly adds nothing to Δ.
     """
 
     def __init__(self) -> None:
