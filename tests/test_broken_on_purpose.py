@@ -57,8 +57,8 @@ MUTATIONS = {
     ),
     "the trace forgets": Mutation(
         "rl/estimators/gpomdp.py",
-        "trace = beta * trace + score",
-        "trace = beta * score",
+        "self.trace = beta * self.trace + score",
+        "self.trace = beta * score",
         "rl/test_gpomdp.py::test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws",
     ),
     "the compiled trace decays twice": Mutation(

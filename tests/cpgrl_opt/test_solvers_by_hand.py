@@ -172,7 +172,8 @@ def test_a_back_ends_own_multipliers_have_our_signs(name: str) -> None:
 
 @pytest.mark.skipif(not is_installed(SOLVERS["highs"]), reason="HiGHS is not installed")
 def test_a_back_end_that_stops_without_a_reason_is_not_certified() -> None:
-    answer = QPSolversBackend("highs", iteration_limit=0, polish=False).solve(HARD)  # with 1 it is done
+    none = {"qp_iteration_limit": 0}  # with 1 it is done
+    answer = QPSolversBackend("highs", options=none, polish=False).solve(HARD)
     assert answer.status in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR)
     assert answer.status == Status.NUMERICAL_ERROR or kkt_residuals(HARD, answer).worst > 1e-8
 

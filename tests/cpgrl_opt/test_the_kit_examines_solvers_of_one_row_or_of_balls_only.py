@@ -120,7 +120,8 @@ def test_a_law_puts_nothing_to_a_limited_solver_that_it_does_not_take(law):
     @given(LAWS[law].arguments(cases))
     @settings(max_examples=4)
     def taken(arguments):
-        assert CPO().supports(arguments["problem"])
+        for problem in arguments.get("problems", [arguments.get("problem")]):
+            assert CPO().supports(problem)
 
     taken()
 
