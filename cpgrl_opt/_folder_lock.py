@@ -21,7 +21,7 @@ from pathlib import Path
 
 LOCK = ".cpgrl-lock"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
-_FAR = 1 << 30  # the byte that is locked on Windows: nobody can read one that is, and the holder's words stand before
+_FAR = 1 << 30  # the byte to lock on Windows, far beyond the holder's text: there nobody can read a locked byte
 _held: dict[Path, int] = {}  # folder → the thread that holds it
 
 

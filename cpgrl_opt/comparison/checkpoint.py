@@ -70,10 +70,10 @@ class Checkpoint:
         keys: Mapping[CellKey, str] | None = None,
         trusted: Callable[[CellKey], bool] = lambda _: True,
     ) -> dict[CellKey, list[Measurement]]:
-        """The cells asked for that are there whole and were measured on what is there now; their other rows go.
+        """The cells asked for that are complete and whose key has not changed; the rows of the others are removed.
 
-        problems: how many each cell that is asked for should have. keys: what each would be measured on now. trusted:
-        whether a cell may stay of which nobody has written what it was measured on, as in folders older than keys.csv.
+        problems: how many each cell that is asked for should have. keys: what theirs are now. trusted:
+        whether a cell without a key may stay: folders older than keys.csv have none.
         """
         found: dict[CellKey, list[Measurement]] = {}
         for each in self._readable():

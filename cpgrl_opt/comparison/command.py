@@ -84,7 +84,7 @@ class Comparison:
     """What came of it: measurements, their cells, {solver that could not be compared: why}, the files written.
 
     kept: cells in measurements.csv that were not asked for this time, and are not reported; renewed: cells that were
-    there and are measured anew, what they were measured on having changed.
+    there and are measured anew, since their key has changed.
     """
 
     measurements: Sequence[Measurement]

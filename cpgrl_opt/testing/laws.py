@@ -43,8 +43,8 @@ _PROJECTIONS = (*ALL_CASES, Case.METRIC, Case.ONE_ROW)
 class Law:
     """A check, and `arguments`: from the cases that a solver takes to a strategy for all arguments but the solver.
 
-    cases: those that the law speaks about, a limit where it says something about problems so limited. needs: whether
-    the solver has what the law is about; else it is excused.
+    cases: the kinds of problems that the law is about; a limit is among them if it says something about problems so
+    limited. needs: whether the solver has what the law is about; a solver that has not is excused.
     may_decline: the problems include some that no solver need answer. about_infeasible: none of them has an answer, so
     a solver that says `finds_infeasible = False` may decline. costs_time: a failure takes so long that a few are
     enough.

@@ -51,8 +51,8 @@ class KondaActorCritic:
 
     trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: > 0, the paper's is α_r.
     average: "step" or "episode", for all channels or for each, and bias_correction, of an average that starts at 0: see
-    `StoredAverage`; critics subtract ρ as it is reported. steps: an episode's time limit, unless the environment's own
-    is shorter.
+    `StoredAverage`; the ρ per step that critics subtract is corrected likewise. steps: an episode's time limit, unless
+    the environment's own is shorter.
     A finite MDP with a `SoftmaxTable` and a `ContinuousEnvironment` with a `NormalizedGaussianNetwork` run compiled.
     Any other pair takes the generic path: a Gymnasium environment with vector rewards.
     Source: eq. 5 of the paper and the equations after it; Konda & Tsitsiklis (2003).
