@@ -21,6 +21,9 @@ class CheckedSettings:
                 raise ValueError(f"{name} should be True or False; found {getattr(self, name)!r}")
         for name in ("time_limit", "rho"):
             require_positive(name, getattr(self, name, 1.0))
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):  # of no axes, checked above: a number that no caller can change
+                object.__setattr__(self, name, value[()])
         limit = getattr(self, "iteration_limit", None)
         is_whole = isinstance(limit, int | np.integer) and not isinstance(limit, bool)
         if limit is not None and not (is_whole and limit >= 1):

@@ -118,11 +118,18 @@ def _as_real_array(name: str, values: ArrayLike) -> NDArray[Any]:
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:
     if type(values) is np.ndarray:
         return values
-    parts = values if isinstance(values, list | tuple) else (values,)
-    # By the attribute, for np.ma is imported late, and takes as long as ten thousand solves.
-    if any(isinstance(part, np.ndarray) and np.any(getattr(part, "mask", False)) for part in parts):
+    if _has_masked(values):
         raise ValueError(f"{name} should have no masked entries, whose values nobody vouches for; found some")
     try:
         return np.asarray(values)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists; tensors that need their library's own way
         raise ValueError(f"{name} should be a rectangular array of numbers; found {values!r} ({error})") from error
+
+
+def _has_masked(values: Any, axes: int = 64) -> bool:
+    """Whether an entry is masked, in lists of lists too, down to the most axes that NumPy knows."""
+    if isinstance(values, list | tuple):
+        parts = (part for part in values if isinstance(part, list | tuple | np.ndarray))
+        return axes > 0 and any(_has_masked(part, axes - 1) for part in parts)
+    # By the attribute, for np.ma is imported late, and takes as long as ten thousand solves.
+    return isinstance(values, np.ndarray) and bool(np.any(getattr(values, "mask", False)))

@@ -113,6 +113,13 @@ def test_a_number_is_a_number_whatever_library_spelt_it(half):
     assert ProblemBatch([[1.0, 2.0]], [[[1.0, 0.0]]]).in_geometry(None, half).radius.tolist() == [0.5]
 
 
+def test_a_tolerance_is_a_number_that_its_caller_cannot_change():
+    given = np.array(1e-9)
+    solver = ActiveSet(tolerance=given)
+    given[...] = 1.0
+    assert (solver, hash(solver)) == (ActiveSet(tolerance=1e-9), hash(ActiveSet(tolerance=1e-9)))
+
+
 @pytest.mark.parametrize("radius", [np.array([0.5]), np.array(np.nan), np.array(0.0), np.ma.masked, True, "1", 1j])
 def test_what_is_no_number_is_no_radius(radius):
     for made in (lambda r: DirectionProblem([1.0], [[1.0]], radius=r), lambda r: ConstrainedStep(radius=r)):
@@ -177,6 +184,10 @@ LINEARIZATION = Linearization(np.zeros(3), np.ones((3, 2)))
     [
         ("values", lambda: Linearization(masked(np.zeros(3)), np.ones((3, 2)))),
         ("gradients", lambda: Linearization(np.zeros(3), [masked([1.0, 1.0])] * 3)),
+        ("gradients", lambda: Linearization(np.zeros((2, 3)), [[masked([1.0, 1.0])] * 3] * 2)),
+        ("jacobian", lambda: DirectionProblem([1.0, 2.0], [[np.ma.masked, 1.0]])),
+        ("jacobian", lambda: ProblemBatch([[1.0, 2.0]], [[masked([1.0, 1.0])]])),
+        ("equality", lambda: ProblemBatch([[1.0, 2.0]], [[[1.0, 0.0]]], 0.0, [[np.ma.array(True, mask=True)]])),
         ("thresholds", lambda: ConstrainedStep()(LINEARIZATION, masked([0.0, 0.0]))),
         ("thresholds", lambda: ConstrainedStep()(LINEARIZATION, [np.ma.masked, 0.0])),
         ("previous", lambda: ConstrainedStep()(LINEARIZATION, [0.0, 0.0], masked([True, False]))),
