@@ -84,7 +84,8 @@ def _whole(what: str, name: str, value: Any) -> int:
 def _wholes(what: str, name: str, values: Any, count: int | None) -> np.ndarray:
     """(count,) or one number, as int64; a whole number in floating point is one."""
     numbers = _shaped(what, name, values, () if count is None else (count,))
-    if not (np.abs(numbers) < 2.0**63).all():  # NaN fails the comparison too
+    is_whole = np.asarray(values).dtype != np.bool_ and (numbers == np.floor(numbers)).all()
+    if not (is_whole and (np.abs(numbers) < 2.0**63).all()):  # NaN fails both comparisons
         raise ValueError(f"{what}; found {name} that are no integers: {_shortened(values)}")
     return np.asarray(values).astype(np.int64)
 

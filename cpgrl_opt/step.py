@@ -120,7 +120,7 @@ class ConstrainedStep(ReadOnlyArrays):
             raise ValueError(f"solver should be a name or have a method solve(problem); found {self.solver!r}")
         if not callable(self.rule):
             raise ValueError(f"rule should be a name or a function (slack, previous) → mask; found {self.rule!r}")
-        if not isinstance(self.raw_multipliers, bool):
+        if not isinstance(self.raw_multipliers, bool | np.bool_):
             raise ValueError(f"raw_multipliers should be True or False; found {self.raw_multipliers!r}")
         require_member("formulation", self.formulation, tuple(FORMULATIONS))
         require_member("drop", self.drop, DROP_RULES)

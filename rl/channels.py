@@ -1,7 +1,10 @@
 """What a Gymnasium environment declares beyond Gymnasium: channels of its reward, and events that end an episode."""
 
 from collections.abc import Iterator, Mapping
+from operator import index
 from typing import Any
+
+import numpy as np
 
 EVENT_KEY = "cpgrl_event"  # a name that no other library's info has
 
@@ -77,8 +80,12 @@ def event_of(info: Any, key: str, *, terminated: bool) -> int:
     if not terminated:
         return 0
     event = info.get(key) if isinstance(info, Mapping) else None
-    whole = hasattr(event, "__index__") and not isinstance(event, bool)
-    return max(event.__index__(), 1) if whole else 1  # type: ignore[union-attr]
+    if isinstance(event, bool | np.bool_):
+        return 1
+    try:
+        return max(index(event), 1)  # type: ignore[arg-type]
+    except TypeError:  # no integer, or an array of them
+        return 1
 
 
 def name_of(environment: Any) -> str:

@@ -68,7 +68,10 @@ def check_threads_do_not_meet(solver: DirectionSolver, problems: Sequence[Direct
         changed = changes_since(before)
     for k, answer in together:
         if isinstance(answer, Exception):
-            raise LawBroken(f"solve should answer while other threads solve too; {answer}{described(problems[k])}")
+            raise LawBroken(
+                f"solve should answer while other threads solve too; it raised "
+                f"{type(answer).__name__}: {answer}{described(problems[k])}"
+            )
         _require_same(solver, problems[k], alone[k], answer)
     if changed:
         raise LawBroken(

@@ -244,6 +244,7 @@ ODD_ANSWERS = {
     "a word as status": (made(status="solved"), "found the status 'solved'"),
     "no status": (made(status=None), "found the status None"),
     "iterations": (made(iterations="many"), "iterations should be an array of real numbers"),
+    "a part of an iteration": (made(iterations=1.7), "found iterations that are no integers: 1.7"),
     "radius": (made(radius_multiplier=np.zeros(2)), r"found radius_multiplier of shape \(2,\)"),
 }
 

@@ -212,6 +212,8 @@ def test_an_event_of_somebody_elses_namespace_is_not_read(event: Any) -> None:
         (Declaring({"ended by": 0}), 1),
         (Declaring({"ended by": "goal"}), 1),
         (Declaring({"ended by": None}), 1),
+        (Declaring({"ended by": np.array([7])}), 1),
+        (Declaring({"ended by": np.array(7.5)}), 1),
         (Declaring({"event": 5}), 1),
         (Ending(None), 1),
     ],
