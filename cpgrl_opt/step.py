@@ -165,7 +165,7 @@ class ConstrainedStep(ReadOnlyArrays):
         limits = real_values("thresholds", thresholds)
         channels, n = linearization.gradients.shape[-2:]
         require_shape("thresholds", limits, (channels - 1,))
-        slack = linearization.slack(limits)
+        slack = np.ascontiguousarray(linearization.slack(limits))
         if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")

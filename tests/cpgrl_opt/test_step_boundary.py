@@ -217,3 +217,15 @@ def test_a_change_that_overflows_is_refused_with_what_to_lower(formulation):
     steep = Linearization([0.0, 1.0], [[1e300, 1e300], [1.0, 0.0]])
     with np.errstate(over="ignore"), pytest.raises(FloatingPointError, match=r"step_size 1e\+10.*lower the rates"):
         step(steep, [0.0])
+
+
+@pytest.mark.parametrize("runs", [(2,), (1, 2), (2, 1), (2, 2)])
+@pytest.mark.parametrize("order", [np.asfortranarray, lambda array: array[..., ::-1].copy()[..., ::-1]])
+def test_a_step_does_not_care_how_its_arrays_lie_in_memory(runs, order):
+    """V[:, columns] lies in Fortran order: a TypeError of numba, once."""
+    rng = np.random.default_rng(0)
+    values, gradients = -np.abs(rng.normal(size=(*runs, 4))), rng.normal(size=(*runs, 4, 3))
+    step, thresholds = ConstrainedStep(), np.zeros(3)
+    right = step(Linearization(values, gradients), thresholds)
+    found = step(Linearization(order(values), order(gradients)), thresholds)
+    assert found.change.tobytes() == right.change.tobytes()
