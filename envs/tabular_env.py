@@ -7,10 +7,11 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 from jaxtyping import Float64, UInt8
 
-from .interface import FiniteKernel, finite_kernel_of
+from .interface import FiniteKernel, finite_kernel_of, restated
 from .tabular import TabularMDP
 
 
+@restated
 class TabularEnv(gymnasium.Env[np.int64, np.int64]):
     """States and actions are 0 … n − 1; `step` returns r(s, a) of the state that it leaves, (1 + m,) float64.
 

@@ -19,7 +19,7 @@ from .arm_constants import (
     number_between,
     pair_between,
 )
-from .interface import ContinuousKernels
+from .interface import ContinuousKernels, restated
 from .validation import finite_array, positive_integer
 
 Angles = Float64[np.ndarray, "*points 2"]
@@ -29,6 +29,7 @@ _STARTS = 64  # lines of the grid on which room for a start is looked for
 _ROOM = 0.01  # least share of it: a start is then found after a hundred draws on average
 
 
+@restated
 @dataclass(frozen=True, kw_only=True)
 class TwoLinkArm:
     """φ′ = stops(φ + dt·clip(u, ±max_speed)),   rewards r¹ … r³ of what the step reached.

@@ -11,6 +11,10 @@ from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, 
 P = TypeVar("P")
 
 _OURS = (SoftmaxTable, LinearSoftmax, LinearGaussian, NormalizedGaussianNetwork)
+_AS_WRITTEN: dict[type, dict[str, Any]] = {
+    kind: {name: code for name, code in vars(kind).items() if callable(code) and not name.startswith("__")}
+    for kind in _OURS
+}
 _IMMUTABLE = (int, float, str, bool, type(None))
 
 
@@ -49,7 +53,9 @@ def behaves_as(policy: object, kind: type[P]) -> TypeGuard[P]:
     """Whether a policy is a `kind` that samples and scores as that class does: compiled code may stand for it."""
     from envs.interface import overridden  # Gymnasium loads with envs
 
-    return isinstance(policy, kind) and not overridden(policy, kind)
+    if not isinstance(policy, kind) or overridden(policy, kind):
+        return False
+    return all(vars(kind).get(name) is code for name, code in _AS_WRITTEN.get(kind, {}).items())  # unless patched
 
 
 def require_fitting(environment: Any, policy: Policy) -> None:

@@ -39,7 +39,7 @@ from .kernels import (
     function_type,
     random_state,
 )
-from .overrides import declaring_class, overridden
+from .overrides import declaring_class, overridden, restated
 
 __all__ = [
     "RESET_SIGNATURE",
@@ -55,4 +55,5 @@ __all__ = [
     "function_type",
     "overridden",
     "random_state",
+    "restated",
 ]

@@ -4,7 +4,7 @@ A kernel restates code, the `step` of an environment or the `sample` of a policy
 override, so compiled code may then no longer take its place. Data needs no such rule: kernels are handed data.
 """
 
-from typing import Any
+from typing import Any, TypeVar
 
 # Code that no kernel restates: pictures, and exact answers.
 _BESIDE = {
@@ -13,6 +13,14 @@ _BESIDE = {
 # Code that every kernel restates, whether its class has it or not.
 _DYNAMICS = ("reset", "step")
 _NOTHING = object()
+_AS_WRITTEN: dict[type, dict[str, Any]] = {}
+Class = TypeVar("Class", bound=type)
+
+
+def restated(owner: Class) -> Class:
+    """Decorates a class whose code kernels restate: what is patched into it later, by `mock` say, is other code."""
+    _AS_WRITTEN[owner] = dict(vars(owner))
+    return owner
 
 
 def declaring_class(instance: object, name: str) -> type | None:
@@ -26,11 +34,12 @@ def overridden(instance: object, owner: type, names: tuple[str, ...] | None = No
     The rule: every method and property that `owner` has, `reset` and `step` too, must be found on the instance as it
     is found on `owner` itself, whether a subclass, another base class or the instance's own attributes changed it.
     Left out are special methods, an override of `__init__` among them, pictures and exact answers.
-    names: only these, in place of all code of `owner`. Code that is patched into `owner` itself is not seen.
+    names: only these, in place of all code of `owner`. Code that is patched into `owner` itself is seen where `owner`
+    was decorated with `restated`.
     """
     code = {name for base in owner.__mro__[:-1] for name, value in vars(base).items() if _is_code(name, value)}
     looked_at = code - _BESIDE | set(_DYNAMICS) if names is None else set(names)
-    return sorted(name for name in looked_at if _found(instance, name) is not _in_class(owner, name))
+    return sorted(name for name in looked_at if _found(instance, name) is not _as_written(owner, name))
 
 
 def _is_code(name: str, value: object) -> bool:
@@ -40,6 +49,11 @@ def _is_code(name: str, value: object) -> bool:
 
 def _in_class(owner: type, name: str) -> Any:
     return next((vars(base)[name] for base in owner.__mro__ if name in vars(base)), _NOTHING)
+
+
+def _as_written(owner: type, name: str) -> Any:
+    bodies = (_AS_WRITTEN.get(base, vars(base)) for base in owner.__mro__)
+    return next((body[name] for body in bodies if name in body), _NOTHING)
 
 
 def _found(instance: object, name: str) -> Any:

@@ -4,6 +4,7 @@
 
 from functools import cached_property
 from typing import Any
+from unittest import mock
 
 import gymnasium
 import numpy as np
@@ -135,6 +136,24 @@ def test_rewards_are_those_of_the_step_that_is_there(who: str, estimator: Any) -
     environment = OTHERS[who]()
     assert rewards_of(environment, estimator) == MINUS_SEVEN
     assert finite_kernel_of(environment) is None
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_code_patched_into_our_own_classes_is_trained_on(estimator: Any) -> None:
+    with mock.patch.object(TabularEnv, "step", turned(TabularEnv.step)):
+        assert rewards_of(ThreeStateEnv(rewards=ONES), estimator) == MINUS_SEVEN
+    with mock.patch.object(TwoLinkArmEnv, "step", OwnArmStep.step):
+        assert continuous_kernels_of(TwoLinkArmEnv()) is None
+    with (
+        mock.patch.object(TwoLinkArm, "touched", lambda _self, points: np.zeros(len(points))),
+        pytest.raises(ValueError, match="since it has its own touched"),
+    ):
+        TwoLinkArmEnv()
+    by_action = np.broadcast_to([1.0, 2.0, 3.0], (2, 3, 3))
+    with mock.patch.object(SoftmaxTable, "sample", First.sample):
+        assert rewards_of(TabularEnv(ThreeStateMDP(rewards=by_action)), estimator) == SEVEN
+    assert rewards_of(ThreeStateEnv(rewards=ONES), estimator) == SEVEN  # put back, compiled again
+    assert finite_kernel_of(ThreeStateEnv()) is not None
 
 
 class OwnReset(TabularEnv):
