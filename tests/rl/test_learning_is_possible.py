@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.spaces import Discrete
+from gymnasium.wrappers import OrderEnforcing, TimeLimit
 
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, TwoLinkArm
 from rl import (
@@ -120,7 +121,9 @@ def test_several_recurrent_classes_are_refused_as_the_exact_gradient_refuses_the
     with pytest.raises(ValueError, match="should have one recurrent class") as exact:
         ExactGradient().start(caught(), table, streams).episode(np.zeros((1, 6)))
     linear = LinearSoftmax(lambda s: np.eye(3)[s], 3, 2)
-    for environment, policy in ((caught(), table), (TabularEnv(caught()), table), (TabularEnv(caught()), linear)):
+    env = TabularEnv(caught())
+    made = TimeLimit(OrderEnforcing(env), 50)  # as gymnasium.make does
+    for environment, policy in ((caught(), table), (env, table), (env, linear), (made, table), (made, linear)):
         with pytest.raises(ValueError, match="should have one recurrent class") as found:
             estimator.start(environment, policy, streams)
         assert str(found.value).startswith(str(exact.value))
