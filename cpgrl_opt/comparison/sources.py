@@ -95,8 +95,18 @@ def _imported(name: str, path: Path, content: bytes) -> Iterator[str]:
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield from _with_parents(alias.name)
+        elif isinstance(node, ast.Call) and node.args and _is_import(node.func):
+            named = node.args[0]
+            if isinstance(named, ast.Constant) and isinstance(named.value, str):
+                yield from _with_parents(named.value if named.value[:1] != "." else package + named.value)
         elif isinstance(node, ast.ImportFrom):
             above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
             origin = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 yield from _with_parents(f"{origin}.{alias.name}".strip("."))
+
+
+def _is_import(function: ast.expr) -> bool:
+    """Of `import_module(…)`, `importlib.import_module(…)` and `__import__(…)`."""
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", None)
+    return name in ("import_module", "__import__")

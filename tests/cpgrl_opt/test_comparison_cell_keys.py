@@ -204,3 +204,22 @@ def test_what_cannot_be_read_as_python_counts_by_its_bytes(folder: Path) -> None
     (folder / "torn_b.py").write_bytes(b"import\x00 )")
     assert sources_of("torn_b").digest != one.digest
     assert sources_of("no_such_module_b").modules == ()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'from importlib import import_module\nhelper = import_module("by_call.helper")\n',
+        'import importlib\n\ndef late():\n    return importlib.import_module(".helper", __package__)\n',
+        'helper = __import__("by_call.helper").helper\n',
+    ],
+)
+def test_a_helper_that_is_imported_by_a_call_counts(folder: Path, line: str) -> None:
+    package = folder / "by_call"
+    package.mkdir()
+    (package / "__init__.py").write_text(line, encoding="utf-8")
+    (package / "helper.py").write_text("SCALE = 1.1\n", encoding="utf-8")
+    before = sources_of("by_call")
+    assert before.modules == ("by_call", "by_call.helper")
+    (package / "helper.py").write_text("SCALE = 1.0\n", encoding="utf-8")
+    assert sources_of("by_call").digest != before.digest
