@@ -1,4 +1,4 @@
-"""Which problems a solver takes: its `supports` is asked about examples of each kind in each of the usual shapes."""
+"""Which problems a solver takes: its `supports` is asked about each kind in each of the usual shapes, else in all."""
 
 from collections.abc import Hashable, Iterator
 from functools import cache
@@ -7,7 +7,7 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
-from .draws import SHAPES
+from .draws import MOST_PARAMETERS, MOST_ROWS, SHAPES
 from .law import takes, varied
 from .strategies import ALL_CASES, Case
 
@@ -18,7 +18,7 @@ def supported_cases(solver: DirectionSolver) -> list[Case]:
     ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius. Raises LawBroken
     where `supports` raises or contradicts itself.
     """
-    taken = [problem for problem in _examples() if takes(solver, problem)]
+    taken = _taken(solver)
     if not taken:
         return []
     constraints = {case_of(problem) for problem in taken}
@@ -32,6 +32,28 @@ def supported_cases(solver: DirectionSolver) -> list[Case]:
     if all(problem.radius is not None for problem in taken):
         cases.append(Case.BALL)
     return cases
+
+
+def rare_shapes(solver: DirectionSolver) -> tuple[tuple[int, int], ...]:
+    """The shapes (n, m) that it takes where it takes none of the usual ones; else none."""
+    shapes = dict.fromkeys((problem.n, problem.m) for problem in _taken(solver))
+    return () if any(shape in _usual() for shape in shapes) else tuple(shapes)
+
+
+def _taken(solver: DirectionSolver) -> list[DirectionProblem]:
+    usual = [problem for problem in _examples(_usual()) if takes(solver, problem)]
+    return usual or [problem for problem in _examples(_rare()) if takes(solver, problem)]
+
+
+@cache
+def _usual() -> tuple[tuple[int, int], ...]:
+    return tuple(dict.fromkeys((*SHAPES, *((n, 1) for n, _ in SHAPES))))
+
+
+@cache
+def _rare() -> tuple[tuple[int, int], ...]:
+    every = ((n, m) for n in range(1, MOST_PARAMETERS + 1) for m in range(1, MOST_ROWS + 1))
+    return tuple(shape for shape in every if shape not in _usual())
 
 
 def case_of(problem: DirectionProblem) -> Case:
@@ -58,11 +80,11 @@ def traits_of(problem: DirectionProblem) -> set[Hashable]:
 
 
 @cache
-def _examples() -> tuple[DirectionProblem, ...]:
+def _examples(shapes: tuple[tuple[int, int], ...]) -> tuple[DirectionProblem, ...]:
     """Each kind of constraints in each shape: as it is, in a metric and in a ball; b of either sign, and b ≤ 0."""
     rng = np.random.default_rng(0)
     problems: list[DirectionProblem] = []
-    for n, m in dict.fromkeys((*SHAPES, *((n, 1) for n, _ in SHAPES))):
+    for n, m in shapes:
         for problem in _of_shape(n, m, rng):
             problems += [
                 problem,

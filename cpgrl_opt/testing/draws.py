@@ -56,6 +56,7 @@ _ANY_SHAPE = 6
 _BLOCK_SIZE = 48
 _STRIDE = 8  # of the rows of small matrices, so that a smaller shape is a corner of the larger
 _only_small: ContextVar[bool] = ContextVar("only_small", default=False)
+_only_these: ContextVar[tuple[tuple[int, int], ...]] = ContextVar("only_these", default=())
 _BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
 
 
@@ -90,6 +91,9 @@ def _shapes(least_rows: int, least_parameters: int, most_rows: int) -> st.Search
 
     @st.composite
     def shape(draw: st.DrawFn) -> tuple[int, int]:
+        these = [(n, m) for n, m in _only_these.get() if n >= least_parameters and least_rows <= m <= most_rows]
+        if these:
+            return draw(any_of(these))
         if _only_small.get():
             return draw(small)
         other = draw(parameters), draw(rows)  # in any case, so that the draws that follow stay in place
@@ -106,6 +110,16 @@ def small_shapes() -> Iterator[None]:
         yield
     finally:
         _only_small.reset(token)
+
+
+@contextmanager
+def only_shapes(these: Collection[tuple[int, int]]) -> Iterator[None]:
+    """Inside, shapes are of these, if there are any: a solver of a shape that is seldom drawn takes no others."""
+    token = _only_these.set(tuple(these))
+    try:
+        yield
+    finally:
+        _only_these.reset(token)
 
 
 def chosen(draw: st.DrawFn, choice: Any) -> Any:

@@ -16,8 +16,8 @@ from hypothesis.errors import Unsatisfiable
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver, tolerance_of
-from .domain import traits_of
-from .draws import small_shapes
+from .domain import rare_shapes, traits_of
+from .draws import only_shapes, small_shapes
 from .law import LawBroken, Outcome, takes
 from .laws import Law
 from .strategies import Case
@@ -210,7 +210,8 @@ class _Draws:
         # the sixth, most of its shape, and a hundred examples were those of about twenty shapes.
         alone = st.lists(drawn, min_size=1, max_size=1, unique_by=id)
         test: Callable[[], None] = chosen(given(alone)(asked))
-        with suppress(Unsatisfiable, _TakesNone):
+        shapes = () if self.solver is None else rare_shapes(self.solver)
+        with only_shapes(shapes), suppress(Unsatisfiable, _TakesNone):
             seed(zlib.crc32(self.law.name.encode()) + self.number)(test)()
 
 

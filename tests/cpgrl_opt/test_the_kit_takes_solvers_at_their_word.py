@@ -189,3 +189,21 @@ def test_a_supports_or_a_tolerance_that_wavers_is_refused():
     assert "tolerance should be one number; found" in verdict.results[0].problem
     with pytest.raises(LawBroken):
         verdict.raise_for_failures()
+
+
+@pytest.mark.parametrize("shape", [(7, None), (17, 2), (None, 7)])
+def test_a_solver_of_one_shape_that_is_seldom_drawn_is_put_to_the_laws(shape):
+    """Of n = 7 alone no example was asked about, and one problem in 360 drawn: "takes none"."""
+
+    def supports(problem):
+        return all(want in (None, found) for want, found in zip(shape, (problem.n, problem.m), strict=True))
+
+    right = SimpleNamespace(solve=ACTIVE_SET.solve, supports=supports)
+    wrong = SimpleNamespace(
+        solve=lambda problem: Direction(-problem.gradient, np.zeros(problem.m), Status.OPTIMAL), supports=supports
+    )
+    checks = ("check_stationarity", "check_permutation", "check_infeasible_is_called_infeasible")
+    verdict = check_direction_solver(right, checks=checks, max_examples=10)
+    assert verdict.passed
+    assert all(result.run >= 5 for result in verdict.results)
+    assert not check_direction_solver(wrong, checks=checks, max_examples=10).passed
