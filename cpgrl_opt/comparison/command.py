@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from shlex import quote
 
 from .._folder_lock import locked_folder
 from ..solvers import SOLVERS
@@ -71,9 +72,9 @@ class Request:
         return Path("cpgrl-output") / ("compare-quick" if self.quick else "compare")
 
     def command(self) -> str:
-        """What to type to get the same again."""
+        """What to type into a shell to get the same again."""
         chosen = {"solvers": self.solvers, "families": self.families}
-        words = ["cpgrl compare", *(f"--{name} {','.join(names)}" for name, names in chosen.items() if names)]
+        words = ["cpgrl compare", *(f"--{name} {quote(','.join(names))}" for name, names in chosen.items() if names)]
         words += [] if self.problems is None else [f"--problems {self.problems}"]
         words += ["--quick"] if self.quick else []
         return " ".join([*words, f"--seed {self.seed}"])

@@ -1,6 +1,7 @@
 """The body of `cpgrl compare`: what it writes, what it says, how it refuses."""
 
 import csv
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -87,6 +88,8 @@ def test_quick_is_a_part_of_the_whole() -> None:
     whole, _ = Request(solvers=["active-set"]).settings()
     assert set(quick.families) == set(QUICK_FAMILIES) < set(whole.families) == set(FAMILIES)
     assert (quick.problems, whole.problems) == (3, 20)
+    odd = Request(families=["zero-rows*", "a `b`.npz"])
+    assert shlex.split(odd.command()) == ["cpgrl", "compare", "--families", "zero-rows*,a `b`.npz", "--seed", "0"]
     assert Request(quick=True, solvers=["osqp"], problems=4).command() == (
         "cpgrl compare --solvers osqp --problems 4 --quick --seed 0"
     )
