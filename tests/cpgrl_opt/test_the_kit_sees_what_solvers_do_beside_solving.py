@@ -364,3 +364,15 @@ def test_a_batch_by_hand_shows_what_is_wrong():
     infeasible = DirectionProblem([1.0, 0.0], [[0.0, 0.0]], [1.0])
     with pytest.raises(LawBroken, match=r"solve_batch\(problems\)\[1\] should have the status INFEASIBLE"):
         check_batch_is_loop(Batches(BATCHES["all are called OPTIMAL"]), [PROBLEM, infeasible])
+
+
+def test_what_an_earlier_law_has_let_a_solver_change_is_seen_by_the_law_about_it(monkeypatch):
+    monkeypatch.delenv("LEFT_BY_A_SOLVER", raising=False)
+
+    class Changing:
+        def solve(self, problem):
+            os.environ["LEFT_BY_A_SOLVER"] = "1"
+            return SOLVERS["active-set"].solve(problem)
+
+    checks = ["check_stationarity", "check_global_state_is_unchanged"]
+    assert not check_direction_solver(Changing(), checks=checks, max_examples=3).passed
