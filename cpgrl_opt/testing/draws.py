@@ -53,8 +53,8 @@ _ANY_SHAPE = 6
 
 # Each array is one draw of so many bytes, whatever its shape: where Hypothesis tries a smaller shape, all other arrays
 # stay what they are.
-_BLOCK_SIZE = 48
-_STRIDE = 8  # of the rows of small matrices, so that a smaller shape is a corner of the larger
+_BLOCK_SIZE = 16
+_STRIDE = 4  # of the rows of small matrices, so that a smaller shape is a corner of the larger
 _only_small: ContextVar[bool] = ContextVar("only_small", default=False)
 _only_these: ContextVar[tuple[tuple[int, int], ...]] = ContextVar("only_these", default=())
 _BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
@@ -94,7 +94,7 @@ def _shapes(least_rows: int, least_parameters: int, most_rows: int) -> st.Search
         these = [(n, m) for n, m in _only_these.get() if n >= least_parameters and least_rows <= m <= most_rows]
         if these:
             return draw(any_of(these))
-        if _only_small.get():
+        if are_small():
             return draw(small)
         other = draw(parameters), draw(rows)  # in any case, so that the draws that follow stay in place
         return draw(choices) or other
@@ -102,9 +102,14 @@ def _shapes(least_rows: int, least_parameters: int, most_rows: int) -> st.Search
     return shape()
 
 
+def are_small() -> bool:
+    """Whether `small_shapes` is in force."""
+    return _only_small.get()
+
+
 @contextmanager
 def small_shapes() -> Iterator[None]:
-    """Inside, no shape is larger than (3, 3): for a counterexample that is checked by hand."""
+    """Inside, no shape is larger than (3, 3), and no batch longer than four: for a counterexample checked by hand."""
     token = _only_small.set(True)
     try:
         yield
@@ -148,7 +153,7 @@ def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.nda
 
 
 def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
-    """A permutation of 0 … count − 1 ≤ 47, the identity being the simplest."""
+    """A permutation of 0 … count − 1 ≤ 15, the identity being the simplest."""
     order: np.ndarray = np.argsort(np.frombuffer(draw(_BLOCK), dtype=np.uint8)[:count], kind="stable")
     return order
 

@@ -19,7 +19,7 @@ from ..solvers.interface import DirectionSolver, tolerance_of
 from .domain import rare_shapes, traits_of
 from .draws import only_shapes, small_shapes
 from .law import LawBroken, Outcome, takes
-from .laws import Law
+from .laws import Arguments, Law
 from .process_state import restored
 from .strategies import Case
 
@@ -28,7 +28,7 @@ _SHRINKING_CALLS = 400
 # Of a law that says that it costs time: failures until the verdict is clear, and calls to shrink.
 _ENOUGH_BROKEN, _FEW_CALLS = 3, 20
 # Problems kept for the next solver, a few kilobytes each.
-_MOST_KEPT = 20_000
+_MOST_KEPT = 10_000
 # Problems in a row that a solver does not take, until no more are drawn: of 1 in 100 some are found nearly always.
 _MOST_REFUSED = 300
 _Judge = Callable[[dict[str, Any]], object]
@@ -96,7 +96,7 @@ class Examination:
 
 
 def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int) -> Examination:
-    """Counts over `max_examples` problems drawn by the seed `number`, which is mixed with the law's name.
+    """Counts over `max_examples` problems drawn by the seed `number`, which is mixed with the name of their source.
 
     Then, where the law broke, the same draws again up to the first failure, and from there to the smallest.
     """
@@ -140,7 +140,7 @@ def _draws_for(law: Law, solver: DirectionSolver, max_examples: int, number: int
     All solvers get the same problems, and nothing is left out. But where a solver takes less than half of them, it gets
     as many others that it does take.
     """
-    draws = _Draws(law, tuple(law.applies_to(solver)), max_examples, number)
+    draws = _Draws(law.arguments, tuple(law.applies_to(solver)), max_examples, number)
     sample = replace(draws, max_examples=min(max_examples, 100))._kept()
     untaken = sum(not _are_taken(solver, arguments) for arguments in sample)
     return (draws, 0) if 2 * untaken <= len(sample) else (replace(draws, solver=solver), untaken)
@@ -164,10 +164,11 @@ def _problems_in(arguments: dict[str, Any]) -> list[DirectionProblem]:
 class _Draws:
     """The same arguments each time they are gone through, as long as nothing fails.
 
-    solver: only what it takes is drawn, for as long as that is found at all.
+    Laws that are about the same problems share them, since to draw takes longer than to solve. solver: only what it
+    takes is drawn, for as long as that is found at all.
     """
 
-    law: Law
+    source: Callable[[tuple[Case, ...]], Arguments]
     cases: tuple[Case, ...]
     max_examples: int
     number: int
@@ -181,7 +182,7 @@ class _Draws:
         for arguments in self._kept():
             judge(arguments)
 
-    @lru_cache(maxsize=4)  # noqa: B019 - a few, by value
+    @lru_cache(maxsize=6)  # noqa: B019 - a few, by value
     def _kept(self) -> tuple[dict[str, Any], ...]:
         drawn: list[dict[str, Any]] = []
         self.searched(drawn.append, Phase.generate)
@@ -204,7 +205,7 @@ class _Draws:
         def asked(drawn: list[dict[str, Any]]) -> None:
             judge(drawn[0])
 
-        drawn = self.law.arguments(self.cases)
+        drawn = self.source(self.cases)
         if self.solver is not None:
             drawn = drawn.filter(_taken_by(self.solver))
         # Inside a unique list Hypothesis copies no part over another; else five of six problems were such variants of
@@ -213,7 +214,7 @@ class _Draws:
         test: Callable[[], None] = chosen(given(alone)(asked))
         shapes = () if self.solver is None else rare_shapes(self.solver)
         with only_shapes(shapes), suppress(Unsatisfiable, _TakesNone):
-            seed(zlib.crc32(self.law.name.encode()) + self.number)(test)()
+            seed(zlib.crc32(self.source.__name__.encode()) + self.number)(test)()
 
 
 class _Enough(KeyboardInterrupt):

@@ -20,9 +20,11 @@ from .strategies import (
     SHIFTED_CASES,
     Case,
     direction_problems,
+    equalities,
     feasible_problem,
     infeasible_problems,
     integer_rows,
+    kind_of,
     rescaled,
     row_factors,
     shapes_of,
@@ -65,14 +67,14 @@ class Family:
     @property
     def weight(self) -> int:
         """There are many Euclidean families, and of each geometry one or two."""
-        return 1 if self.geometry is None else 3
+        return 1 if self.geometry is None else 2
 
 
 @st.composite
 def binding_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """Any number of rows up to min(n, m) bind at an optimum that is planted: g = d − Jᵀμ."""
     n, m = draw(shapes_of(cases))
-    case = draw(any_of(members("cases", cases, ALL_CASES)))
+    case = kind_of(draw, cases)
     return feasible_problem(draw, integer_rows(draw, n, m), case, conflict=draw(between(1, min(n, m))))
 
 
@@ -81,7 +83,7 @@ def rank_deficient_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) ->
     """The rank is less than both n and m."""
     n, m = draw(shapes(least_rows=2, least_parameters=2))
     rank = draw(between(1, min(n, m) - 1))
-    return feasible_problem(draw, integer_rows(draw, n, m, rank), draw(any_of(members("cases", cases, ALL_CASES))))
+    return feasible_problem(draw, integer_rows(draw, n, m, rank), kind_of(draw, cases))
 
 
 @st.composite
@@ -122,12 +124,10 @@ def pinched(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionPr
 
     As an equality, by two inequalities that oppose each other, or all together by one more row −Σ wᵢAᵢ d ≥ −Σ wᵢbᵢ.
     """
-    case = draw(any_of(members("cases", cases, SHIFTED_CASES)))
+    case = kind_of(draw, cases, SHIFTED_CASES)
     r = draw(any_of((1, 2, 3, 6, 11)))
     n = r + draw(any_of((0, 0, 0, 1, 3, 29)))
-    rows, point, is_equality = integer_rows(draw, n, r, r), integers(draw, n), np.full(r, case == Case.AFFINE)
-    if case == Case.MIXED:
-        is_equality = picks(draw, r, (0.0, 1.0)) == 1.0
+    rows, point, is_equality = integer_rows(draw, n, r, r), integers(draw, n), equalities(draw, r, case)
     back = -rows[~is_equality]
     if len(back) > 1 and (r + len(back) > MOST_ROWS or draw(st.booleans())):
         back = picks(draw, len(back), (1.0, 2.0, 3.0))[None, :] @ back
@@ -151,7 +151,7 @@ def nearly_dependent(
     jacobian = integers(draw, m, n)
     jacobian[0] = 5.0 * first
     jacobian[1] = 3.0 * ((-1.0 if opposing else 1.0) * np.cos(theta) * first + np.sin(theta) * second)
-    return feasible_problem(draw, jacobian, draw(any_of(members("cases", cases, ALL_CASES))))
+    return feasible_problem(draw, jacobian, kind_of(draw, cases))
 
 
 @st.composite
@@ -159,10 +159,8 @@ def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> 
     """J g ≥ b, = b on E, exactly: then d = g."""
     n, m = draw(shapes_of(cases))
     jacobian, g = integers(draw, m, n), integers(draw, n)
-    case = draw(any_of(members("cases", cases, ALL_CASES)))
-    equality = np.full(m, case in (Case.TANGENT, Case.AFFINE))
-    if case == Case.MIXED:
-        equality = picks(draw, m, (0.0, 1.0)) == 1.0
+    case = kind_of(draw, cases)
+    equality = equalities(draw, m, case)
     factors = row_factors(draw, m, draw(_EXACT_ROW_SCALES))
     if case == Case.TANGENT:  # (gᵀg) Jᵢ − (Jᵢg) gᵀ is orthogonal to g, in integers
         jacobian = (g @ g) * jacobian - np.outer(jacobian @ g, g)
@@ -341,7 +339,7 @@ def _dependent(
     jacobian = integer_rows(draw, n, m)
     jacobian[-1] = last_row(jacobian)
     jacobian = jacobian[orders(draw, m)]
-    case = draw(any_of(members("cases", cases, ALL_CASES)))
+    case = kind_of(draw, cases)
     return feasible_problem(draw, jacobian, case)
 
 

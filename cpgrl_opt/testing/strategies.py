@@ -95,7 +95,7 @@ def direction_problems(
     if not chosen(draw, feasible):
         problem = draw(infeasible_problems(*shape, cases=cases))
     else:
-        case = draw(any_of(members("cases", cases, ALL_CASES)))
+        case = kind_of(draw, cases)
         order = None if rank is None else min(chosen(draw, rank), *shape)
         if conditioning is not None:
             jacobian = conditioned_rows(draw, *shape, order, chosen(draw, conditioning))
@@ -140,7 +140,7 @@ def feasible_problem(
 ) -> DirectionProblem:
     """g, b and equalities around a point d that meets J d ≥ b; with a `conflict` d is the optimum."""
     m, n = jacobian.shape
-    equality = _equalities(draw, m, case)
+    equality = equalities(draw, m, case)
     point = integers(draw, n)
     binding = equality.copy()
     if conflict is not None:
@@ -166,7 +166,7 @@ def infeasible_problems(
     One of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ, tᵢ > ‖Jᵢ‖ or > ‖Jᵢ‖/32.
     """
     shape = _shape(draw, n, m, shapes_of(cases, draw(any_of((2, 2, 1)))))  # one row alone is a zero row
-    case = draw(any_of(members("cases of infeasible problems", cases, SHIFTED_CASES)))
+    case = kind_of(draw, cases, SHIFTED_CASES)
     # b̂ stays within 30 times the least miss
     jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0], largest=9 if shape[0] <= 9 else 2)
     jacobian[:, 0] += ~jacobian.any(axis=1)  # a zero row is a case of its own, k = 1
@@ -177,7 +177,7 @@ def infeasible_problems(
     bound[:k] = jacobian[:k] @ point + excess * draw(any_of((1.0, 1 / 32 if k <= 3 else 1.0)))
     order = orders(draw, shape[1])
     bound = bound[order]
-    equality = _equalities(draw, shape[1], case) & (bound > -np.inf)
+    equality = equalities(draw, shape[1], case) & (bound > -np.inf)
     return DirectionProblem(integers(draw, shape[0]), jacobian[order], bound, equality)
 
 
@@ -211,11 +211,20 @@ def _shape(
     return chosen(draw, 3 if n is None else n), chosen(draw, 3 if m is None else m)
 
 
-def _equalities(draw: st.DrawFn, m: int, case: Case) -> Bool[np.ndarray, "m"]:
+def kind_of(draw: st.DrawFn, cases: Collection[Case], possible: Collection[Case] = ALL_CASES) -> Case:
+    """One of the possible cases; mixed ones, which differ most, twice as often. ValueError where none is possible."""
+    kinds = members("cases", cases, possible)
+    case: Case = draw(any_of((*kinds, *(kind for kind in kinds if kind == Case.MIXED))))
+    return case
+
+
+def equalities(draw: st.DrawFn, m: int, case: Case) -> Bool[np.ndarray, "m"]:
     """All or none; in a mixed problem any rows, for what a solver puts first must come out in the caller's order."""
     if case != Case.MIXED:
         return np.full(m, case in (Case.TANGENT, Case.AFFINE))
     equality: np.ndarray = picks(draw, m, (0.0, 1.0)) == 1.0
+    if m > 1 and equality.all() == equality.any():
+        equality[-1] = not equality[-1]
     return equality
 
 

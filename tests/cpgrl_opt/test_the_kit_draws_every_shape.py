@@ -24,7 +24,7 @@ MORE = ("check_row_scaling", "check_agreement_with_enumeration", "check_rotation
 def default_draws(law):
     """What a default run puts to solvers of all constraints."""
     with _traceless():
-        return _Draws(LAWS[law], ALL_CASES, 100, 0)._kept()
+        return _Draws(LAWS[law].arguments, ALL_CASES, 100, 0)._kept()
 
 
 @cache

@@ -163,7 +163,7 @@ def test_threads_that_take_turns_are_not():
                 return CORRECT.solve(problem)
 
     streams = (sys.stdin, sys.stdout, sys.stderr)
-    assert check_threads_do_not_meet(TakesTurns(), [PROBLEM, OTHER]) == "held"
+    assert check_threads_do_not_meet(TakesTurns(), PROBLEM, OTHER) == "held"
     assert (sys.stdin, sys.stdout, sys.stderr) == streams
 
 
