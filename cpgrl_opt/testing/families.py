@@ -41,7 +41,7 @@ class Family:
     """A source of problems; `problems` maps the cases that a solver takes to a strategy.
 
     geometry: the one that all its problems are in, None for Euclidean ones without a ball. several_rows: it is about
-    how rows lie to each other. only: the limit of the solvers that it is for, None for all.
+    how rows lie to each other. only: the limit of the solvers that it is for, None for all. weight: how often it comes up.
     """
 
     name: str
@@ -51,6 +51,7 @@ class Family:
     geometry: Case | None = None
     several_rows: bool = False
     only: Case | None = None
+    weight: int = 1
 
     def serves(self, cases: Collection[Case]) -> bool:
         """Whether solvers that take these cases may be given its problems."""
@@ -63,11 +64,6 @@ class Family:
         if not any(case in ALL_CASES for case in cases):  # nothing but geometries is asked for
             return self.geometry in cases
         return self.geometry is None or self.geometry in cases
-
-    @property
-    def weight(self) -> int:
-        """There are many Euclidean families, and of each geometry one or two."""
-        return 1 if self.geometry is None else 2
 
 
 @st.composite
@@ -245,6 +241,7 @@ WELL_POSED = (
         pinched,
         SHIFTED_CASES,
         several_rows=True,
+        weight=2,
     ),
     Family(
         "nearly opposing",
@@ -260,14 +257,21 @@ WELL_POSED = (
     ),
     Family("no constraints", "m = 0: d = g", lambda cases: direction_problems(3, 0, cases=cases)),
     Family("feasible gradient", "nothing to do: d = g", feasible_gradients),
-    Family("in a metric", "M⁻¹ is easily forgotten, or put twice", _in_geometry(Case.METRIC), geometry=Case.METRIC),
-    Family("in a ball", "constrained policy optimization", _in_geometry(Case.RADIUS), geometry=Case.RADIUS),
+    Family(
+        "in a metric",
+        "M⁻¹ is easily forgotten, or put twice",
+        _in_geometry(Case.METRIC),
+        geometry=Case.METRIC,
+        weight=2,
+    ),
+    Family("in a ball", "constrained policy optimization", _in_geometry(Case.RADIUS), geometry=Case.RADIUS, weight=2),
     Family(
         "feasible gradient in a ball",
         "as a rule the constraints do not bind: d = radius g/‖g‖",
         lambda cases: in_some_ball(feasible_gradients(cases)),
         geometry=Case.RADIUS,
         only=Case.BALL,
+        weight=2,
     ),
 )
 
@@ -286,7 +290,9 @@ HOSTILE = (
     Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES, several_rows=True),
     Family("far bounds", "a huge number that must not set the scale", far_bounds, (Case.BOUNDS, Case.MIXED)),
     Family("infeasible", "no direction exists", lambda cases: infeasible_problems(cases=cases), SHIFTED_CASES),
-    Family("out of reach", "the ball misses the constraints", problems_out_of_reach, SHIFTED_CASES, Case.RADIUS),
+    Family(
+        "out of reach", "the ball misses the constraints", problems_out_of_reach, SHIFTED_CASES, Case.RADIUS, weight=2
+    ),
     Family(
         "touching",
         "the ball meets the constraints in one point, where no multiplier need be finite",
@@ -294,6 +300,7 @@ HOSTILE = (
         SHIFTED_CASES,
         Case.RADIUS,
         only=Case.BALL,
+        weight=2,
     ),
 )
 
