@@ -97,8 +97,9 @@ class Recording:
         """Writes the `.npz`; the same recording, the same bytes."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         texts = {"format": np.array(FORMAT), "selection": np.array(self.selection)}
-        with Path(path).open("wb") as file:  # np.savez would add a suffix to a bare path
-            np.savez_compressed(file, allow_pickle=False, **arrays, **texts, trainings=np.array(self.trainings, str))
+        # No `allow_pickle`, which NumPy before 2.2 stores as one more array; no bare path, which would get a suffix.
+        with Path(path).open("wb") as file:
+            np.savez_compressed(file, **arrays, **texts, trainings=np.array(self.trainings, str))
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.name not in _TEXTS)
