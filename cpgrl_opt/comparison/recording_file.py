@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 _SUFFIX = ".npy"
+_OF_OLD_NUMPY = "allow_pickle.npy"  # an argument that NumPy before 2.2 stored as an array, in recordings of that time
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what NumPy writes; others may ask for any memory to unpack
 # Deflate packs zeros 1 : 1032, so that a file of 2 MB may hold 2 GB. Gradients of training pack about 1 : 2, whole
 # recordings with their columns of counts 1 : 3; a hundred leaves room for gradients that are nearly all zero.
@@ -64,6 +65,7 @@ def _entries(archive: zipfile.ZipFile, kinds: Mapping[str, Kind]) -> dict[str, z
     entries = {entry.filename: entry for entry in archive.infolist()}
     if len(entries) < len(archive.infolist()):
         raise ValueError("two entries of one name")
+    entries.pop(_OF_OLD_NUMPY, None)
     wanted = {name: name + _SUFFIX for name in kinds}
     strange = [name for name in entries if name not in wanted.values()]
     if strange:
