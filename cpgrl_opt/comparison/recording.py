@@ -96,7 +96,7 @@ class Recording:
     def save(self, path: Path) -> None:
         """Writes the `.npz`; the same recording, the same bytes."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        texts = {"format": np.array(FORMAT), "selection": np.array(self.selection)}
+        texts: dict[str, Any] = {"format": np.array(FORMAT), "selection": np.array(self.selection)}
         # No `allow_pickle`, which NumPy before 2.2 stores as one more array; no bare path, which would get a suffix.
         with Path(path).open("wb") as file:
             np.savez_compressed(file, **arrays, **texts, trainings=np.array(self.trainings, str))
