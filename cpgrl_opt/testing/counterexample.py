@@ -34,9 +34,9 @@ def counterexample_code(
         *(f"        {name}={_source(value, 8)}," for name, value in arguments.items()),
         "    )",
     ]
-    with_numpy = ["import numpy as np"] if "np." in "\n".join(call[3:]) else []
+    with_numpy = ["from numpy import zeros"] if "zeros(" in "\n".join(call[3:]) else []
     problem = ["from cpgrl_opt import DirectionProblem"]
-    names = [*with_numpy, *problem, f"from cpgrl_opt.testing import {law.name}", *imports]
+    names = [*problem, f"from cpgrl_opt.testing import {law.name}", *with_numpy, *imports]
     return "\n".join([*names, "", "", *call]) + "\n"
 
 
@@ -65,7 +65,7 @@ def _source(value: Any, indent: int) -> str:
 def _matrix(rows: np.ndarray, indent: int) -> str:
     """One row a line; an empty matrix needs its number of columns."""
     if len(rows) == 0:
-        return f"np.zeros({rows.shape})"
+        return f"zeros({rows.shape})"
     return "[\n" + "".join(f"{' ' * (indent + 4)}{_source(row, 0)},\n" for row in rows) + f"{' ' * indent}]"
 
 

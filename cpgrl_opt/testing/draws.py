@@ -58,6 +58,7 @@ _STRIDE = 4  # of the rows of small matrices, so that a smaller shape is a corne
 _only_small: ContextVar[bool] = ContextVar("only_small", default=False)
 _only_these: ContextVar[tuple[tuple[int, int], ...]] = ContextVar("only_these", default=())
 _BLOCK = st.binary(min_size=_BLOCK_SIZE, max_size=_BLOCK_SIZE)
+_THREE_BYTES = st.binary(min_size=3, max_size=3)
 
 
 @cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
@@ -76,30 +77,28 @@ def between(lowest: int, highest: int) -> st.SearchStrategy[int]:
     return st.integers(lowest, highest)
 
 
-def shapes(*, least_rows: int = 1, least_parameters: int = 1, most_rows: int = MOST_ROWS) -> st.SearchStrategy[Any]:
+def shape(
+    draw: st.DrawFn, *, least_rows: int = 1, least_parameters: int = 1, most_rows: int = MOST_ROWS
+) -> tuple[int, int]:
     """(n, m), often one of `SHAPES`, else any up to (60, 12); small ones first, or alone within `small_shapes`."""
-    return _shapes(least_rows, least_parameters, most_rows)
+    choice, n, m = draw(_THREE_BYTES)
+    these = [(n, m) for n, m in _only_these.get() if n >= least_parameters and least_rows <= m <= most_rows]
+    often = these or _listed(least_rows, least_parameters, most_rows, are_small())
+    listed = often[choice % len(often)]
+    parameters, rows = MOST_PARAMETERS - least_parameters + 1, most_rows - least_rows + 1
+    return listed or (least_parameters + n % parameters, least_rows + m % rows)
 
 
 @cache
-def _shapes(least_rows: int, least_parameters: int, most_rows: int) -> st.SearchStrategy[Any]:
+def _listed(
+    least_rows: int, least_parameters: int, most_rows: int, is_small: bool
+) -> tuple[tuple[int, int] | None, ...]:
+    """The listed shapes as often as they should come up; None for any other."""
     listed = [(n, min(m, most_rows)) for (n, m), times in _TIMES.items() for _ in range(times)]
     listed = [(n, m) for n, m in listed if n >= least_parameters and m >= least_rows]
-    small = any_of([(n, m) for n, m in dict.fromkeys(listed) if max(n, m) <= _SMALL])
-    choices = any_of([*listed, *[None] * (len(listed) // (_ANY_SHAPE - 1) + 1)])
-    parameters, rows = between(least_parameters, MOST_PARAMETERS), between(least_rows, most_rows)
-
-    @st.composite
-    def shape(draw: st.DrawFn) -> tuple[int, int]:
-        these = [(n, m) for n, m in _only_these.get() if n >= least_parameters and least_rows <= m <= most_rows]
-        if these:
-            return draw(any_of(these))
-        if are_small():
-            return draw(small)
-        other = draw(parameters), draw(rows)  # in any case, so that the draws that follow stay in place
-        return draw(choices) or other
-
-    return shape()
+    if is_small:
+        return tuple((n, m) for n, m in dict.fromkeys(listed) if max(n, m) <= _SMALL)
+    return (*listed, *[None] * (len(listed) // (_ANY_SHAPE - 1) + 1))
 
 
 def are_small() -> bool:

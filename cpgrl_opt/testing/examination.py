@@ -1,5 +1,6 @@
 """One law put to one solver: many generated problems, counted, and the smallest counterexample."""
 
+import math
 import random
 import tempfile
 import zlib
@@ -27,6 +28,7 @@ from .strategies import Case
 _SHRINKING_CALLS = 400
 # Of a law that says that it costs time: failures until the verdict is clear, and calls to shrink.
 _ENOUGH_BROKEN, _FEW_CALLS = 3, 20
+_SMALL_EXAMPLES = 200  # of small shapes, among which a counterexample is looked for first
 # Problems kept for the next solver, a few kilobytes each.
 _MOST_KEPT = 10_000
 # Problems in a row that a solver does not take, until no more are drawn: of 1 in 100 some are found nearly always.
@@ -111,7 +113,7 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
         draws, found.untaken = _draws_for(law, solver, max_examples, number)
         found.skipped = found.untaken
         with suppress(_Enough):
-            draws.each(judge)
+            draws.each(judge, math.ceil(law.part * max_examples))
         found.settle()
         if found.broken:
             found.arguments, message = _smallest(law, solver, draws)
@@ -174,12 +176,12 @@ class _Draws:
     number: int
     solver: DirectionSolver | None = field(default=None, compare=False)
 
-    def each(self, judge: _Judge) -> None:
-        """All of them, kept for the next solver unless they are too many: drawing takes longer than solving."""
+    def each(self, judge: _Judge, count: int) -> None:
+        """The first `count`, kept for the next solver unless they are too many: drawing takes longer than solving."""
         if self.max_examples > _MOST_KEPT or self.solver is not None:
-            self.searched(judge, Phase.generate)
+            replace(self, max_examples=count).searched(judge, Phase.generate)
             return
-        for arguments in self._kept():
+        for arguments in self._kept()[:count]:
             judge(arguments)
 
     @lru_cache(maxsize=6)  # noqa: B019 - a few, by value
@@ -243,7 +245,7 @@ def _taken_by(solver: DirectionSolver) -> Callable[[dict[str, Any]], bool]:
 def _smallest(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[str, Any], str]:
     """The counterexample of a search among small shapes; of all where it holds on these."""
     with small_shapes():
-        found = _shrunk(law, solver, draws)
+        found = _shrunk(law, solver, replace(draws, max_examples=max(draws.max_examples, _SMALL_EXAMPLES)))
     return (
         found
         or _shrunk(law, solver, draws)

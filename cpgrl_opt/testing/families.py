@@ -12,7 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
-from .draws import MOST_ROWS, NumberChoice, any_of, are_small, between, chosen, integers, members, orders, picks, shapes
+from .draws import MOST_ROWS, NumberChoice, any_of, are_small, between, chosen, integers, members, orders, picks, shape
 from .geometries import TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
 from .law import varied
 from .strategies import (
@@ -27,13 +27,15 @@ from .strategies import (
     kind_of,
     rescaled,
     row_factors,
-    shapes_of,
+    shape_for,
 )
 
 Problems = st.SearchStrategy[DirectionProblem]
 # Powers of two, since rows that depend exactly must still do so after scaling; half of all problems stay as they are.
-_EXACT_SCALES = any_of((1.0, 1.0, 1.0, 2.0**-13, 2.0**-27, 2.0**27))
 _EXACT_ROW_SCALES = any_of((1.0, 1.0, 2.0**20, 2.0**40))
+_EXACT_UNITS = any_of(
+    [(scale, rows) for scale in (1.0, 1.0, 1.0, 2.0**-13, 2.0**-27, 2.0**27) for rows in (1.0, 1.0, 2.0**20, 2.0**40)]
+)
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Family:
 @st.composite
 def binding_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """Any number of rows up to min(n, m) bind at an optimum that is planted: g = d − Jᵀμ."""
-    n, m = draw(shapes_of(cases))
+    n, m = shape_for(draw, cases)
     case = kind_of(draw, cases)
     return feasible_problem(draw, integer_rows(draw, n, m), case, conflict=draw(between(1, min(n, m))))
 
@@ -78,7 +80,7 @@ def binding_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> Direct
 @st.composite
 def rank_deficient_rows(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """The rank is less than both n and m."""
-    n, m = draw(shapes(least_rows=2, least_parameters=2))
+    n, m = shape(draw, least_rows=2, least_parameters=2)
     rank = draw(between(1, min(n, m) - 1))
     return feasible_problem(draw, integer_rows(draw, n, m, rank), kind_of(draw, cases))
 
@@ -143,7 +145,7 @@ def nearly_dependent(
     opposing: bool = True,
 ) -> DirectionProblem:
     """Two rows at a small angle (rad) from opposing, or from parallel: a Gram matrix sees its square only."""
-    n, m = draw(shapes(least_rows=2, least_parameters=2))
+    n, m = shape(draw, least_rows=2, least_parameters=2)
     theta = chosen(draw, angle)
     first, second = np.linalg.qr(integers(draw, n, 2))[0].T
     jacobian = integers(draw, m, n)
@@ -155,7 +157,7 @@ def nearly_dependent(
 @st.composite
 def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """J g ≥ b, = b on E, exactly: then d = g."""
-    n, m = draw(shapes_of(cases))
+    n, m = shape_for(draw, cases)
     jacobian, g = integers(draw, m, n), integers(draw, n)
     case = kind_of(draw, cases)
     equality = equalities(draw, m, case)
@@ -173,7 +175,7 @@ def feasible_gradients(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> 
 def weakly_infeasible(draw: st.DrawFn, cases: Collection[Case] = ALL_CASES) -> DirectionProblem:
     """Opposing rows that miss each other by 1e-4 … 1e-12: tolerances decide, and an answer may claim neither."""
     members("cases", cases, SHIFTED_CASES)
-    n, m = draw(shapes(least_rows=2))
+    n, m = shape(draw, least_rows=2)
     jacobian = integers(draw, m, n)
     jacobian[0, 0] = 3.0
     jacobian[1] = -jacobian[0]
@@ -337,14 +339,15 @@ def _varied(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
     if (np.diff(order) != 1).any():
         rows = {name: getattr(problem, name)[order] for name in ("jacobian", "bound", "equality")}
         problem = varied(problem, **rows)
-    return rescaled(problem, draw(_EXACT_SCALES), row_factors(draw, problem.m, draw(_EXACT_ROW_SCALES)))
+    scale, row_scale = draw(_EXACT_UNITS)
+    return rescaled(problem, scale, row_factors(draw, problem.m, row_scale))
 
 
 def _dependent(
     draw: st.DrawFn, cases: Collection[Case], last_row: Callable[[np.ndarray], np.ndarray]
 ) -> DirectionProblem:
     """Integer rows of which the last is a function of the others, in any order."""
-    n, m = draw(shapes_of(cases, least_rows=2))
+    n, m = shape_for(draw, cases, least_rows=2)
     jacobian = integer_rows(draw, n, m)
     jacobian[-1] = last_row(jacobian)
     jacobian = jacobian[orders(draw, m)]

@@ -10,7 +10,7 @@ from ..problem import DirectionProblem, euclidean
 from ..solvers import SOLVERS
 from .draws import LARGEST_ENTRY, MOST_PARAMETERS, any_of, integers, members, picks
 from .law import length, varied
-from .strategies import ALL_CASES, GEOMETRIES, SHIFTED_CASES, Case, direction_problems, shapes_of
+from .strategies import ALL_CASES, GEOMETRIES, SHIFTED_CASES, Case, direction_problems, shape_for
 
 Problems = st.SearchStrategy[DirectionProblem]
 
@@ -33,8 +33,8 @@ def problems_in_geometry(
     draw: st.DrawFn, n: int | None = None, m: int | None = None, *, cases: Collection[Case] = GEOMETRIES
 ) -> DirectionProblem:
     """Small integer problems in a metric or, with Case.RADIUS, mostly in a ball that meets the constraints."""
-    shape = draw(shapes_of(cases)) if n is None or m is None else (n, m)
-    problem = draw(direction_problems(*shape, cases=constraints_of(cases)))
+    size = shape_for(draw, cases) if n is None or m is None else (n, m)
+    problem = draw(direction_problems(*size, cases=constraints_of(cases)))
     kind = draw(any_of(members("cases", cases, GEOMETRIES)))
     if kind == Case.METRIC:
         return varied(problem, metric=_metric(draw, problem.n))
@@ -47,7 +47,7 @@ def problems_in_geometry(
 def problems_out_of_reach(draw: st.DrawFn, cases: Collection[Case] = (*SHIFTED_CASES, Case.RADIUS)) -> DirectionProblem:
     """The ball misses the constraints by half the distance at least; feasible without it, if 0 is not allowed."""
     shifted = [case for case in constraints_of(cases) if case.is_shifted]
-    problem = draw(direction_problems(*draw(shapes_of(cases)), cases=shifted))
+    problem = draw(direction_problems(*shape_for(draw, cases), cases=shifted))
     bound = problem.bound.copy()
     asked = problem.jacobian[0] @ np.ones(problem.n)
     if not (np.where(problem.equality, bound != 0, bound > 0)).any():  # ask for something that is there

@@ -27,7 +27,7 @@ from .strategies import (
     direction_problems,
     infeasible_problems,
     row_factors,
-    shapes_of,
+    shape_for,
 )
 
 Arguments = st.SearchStrategy[dict[str, Any]]
@@ -47,7 +47,7 @@ class Law:
     limited. needs: whether the solver has what the law is about; a solver that has not is excused.
     may_decline: the problems include some that no solver need answer. about_infeasible: none of them has an answer, so
     a solver that says `finds_infeasible = False` may decline. costs_time: a failure takes so long that a few are
-    enough.
+    enough. part: of the examples asked for, since each is many calls.
     """
 
     check: Callable[..., Outcome]
@@ -57,6 +57,7 @@ class Law:
     may_decline: bool = False
     about_infeasible: bool = False
     costs_time: bool = False
+    part: float = 1.0
 
     @property
     def name(self) -> str:
@@ -175,7 +176,7 @@ def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 
 @st.composite
 def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    n, m = draw(shapes_of(cases))
+    n, m = shape_for(draw, cases)
     problem = draw(_problems_of_shape(n, m, cases))
     where = draw(any_of(("gradient", "jacobian", "bound")))
     values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
@@ -185,7 +186,7 @@ def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]
 @st.composite
 def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     """One to four problems of one shape, infeasible ones among them, or up to 64 made of these."""
-    n, m = draw(shapes_of(cases))
+    n, m = shape_for(draw, cases)
     problem = _problems_of_shape(n, m, cases)
     kinds: list[Case | None] = [None, None, None, *(case for case in cases if case.is_geometry)]
     kind = draw(any_of(kinds))  # of one batch, all have a radius or none
@@ -261,9 +262,15 @@ _TABLE = (
     Law(conduct.check_silence, _of_every_kind, may_decline=True),
     Law(neighbours.check_answers_stay, _two_of_every_kind, may_decline=True),
     Law(neighbours.check_global_state_is_unchanged, _of_every_kind, may_decline=True),
-    Law(neighbours.check_threads_do_not_meet, _two_of_every_kind, may_decline=True),
+    Law(neighbours.check_threads_do_not_meet, _two_of_every_kind, may_decline=True, part=0.3),
     Law(timing.check_time_is_in_proportion, _of_every_kind, may_decline=True, costs_time=True),
-    Law(sequences.check_batch_is_loop, _batches, needs=sequences.has_batch, may_decline=True),
-    Law(sequences.check_warm_start_is_cold_start, _batches, needs=sequences.has_warm_start, may_decline=True),
+    Law(sequences.check_batch_is_loop, _batches, needs=sequences.has_batch, may_decline=True, part=0.4),
+    Law(
+        sequences.check_warm_start_is_cold_start,
+        _batches,
+        needs=sequences.has_warm_start,
+        may_decline=True,
+        part=0.4,
+    ),
 )
 LAWS = {law.name: law for law in _TABLE}

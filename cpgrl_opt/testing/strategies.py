@@ -6,7 +6,6 @@ counterexample shrinks to numbers that a person can check by hand.
 
 from collections.abc import Collection
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -24,7 +23,7 @@ from .draws import (
     members,
     orders,
     picks,
-    shapes,
+    shape,
 )
 
 
@@ -91,24 +90,24 @@ def direction_problems(
     feasible: False makes b miss {Jd} by at least 1e-3 max|b̂|; takes n, m ≥ 1, the scales, and cases with bounds only.
     cases: which kinds of constraints to draw from; with Case.ONE_ROW among them, m = 1 unless it is given.
     """
-    shape = _shape(draw, n, m, shapes_of(cases))
+    size = _size(draw, n, m, cases)
     if not chosen(draw, feasible):
-        problem = draw(infeasible_problems(*shape, cases=cases))
+        problem = draw(infeasible_problems(*size, cases=cases))
     else:
         case = kind_of(draw, cases)
-        order = None if rank is None else min(chosen(draw, rank), *shape)
+        order = None if rank is None else min(chosen(draw, rank), *size)
         if conditioning is not None:
-            jacobian = conditioned_rows(draw, *shape, order, chosen(draw, conditioning))
+            jacobian = conditioned_rows(draw, *size, order, chosen(draw, conditioning))
         else:
-            jacobian = integer_rows(draw, *shape, order)
+            jacobian = integer_rows(draw, *size, order)
         binding = None if conflict is None else chosen(draw, conflict)
         problem = feasible_problem(draw, jacobian, case, conflict=binding)
     return rescaled(problem, chosen(draw, scale), row_factors(draw, problem.m, chosen(draw, row_scale)))
 
 
-def shapes_of(cases: Collection[Case], least_rows: int = 1) -> st.SearchStrategy[Any]:
-    """The shapes (n, m), or those of one constraint where the cases are limited to it."""
-    return shapes(most_rows=1) if Case.ONE_ROW in cases else shapes(least_rows=least_rows)
+def shape_for(draw: st.DrawFn, cases: Collection[Case], least_rows: int = 1) -> tuple[int, int]:
+    """A shape (n, m), of one constraint where the cases are limited to it."""
+    return shape(draw, most_rows=1) if Case.ONE_ROW in cases else shape(draw, least_rows=least_rows)
 
 
 def integer_rows(draw: st.DrawFn, n: int, m: int, rank: int | None = None) -> Float[np.ndarray, "m n"]:
@@ -165,20 +164,20 @@ def infeasible_problems(
 
     One of the k rows is −Σ yᵢJᵢ of the others, a zero row when k = 1; bᵢ = Jᵢp + tᵢ, tᵢ > ‖Jᵢ‖ or > ‖Jᵢ‖/32.
     """
-    shape = _shape(draw, n, m, shapes_of(cases, draw(any_of((2, 2, 1)))))  # one row alone is a zero row
+    n, m = _size(draw, n, m, cases, draw(any_of((3, 2, 2, 1))))  # one row alone is a zero row
     case = kind_of(draw, cases, SHIFTED_CASES)
     # b̂ stays within 30 times the least miss
-    jacobian, point = integers(draw, shape[1], shape[0]), integers(draw, shape[0], largest=9 if shape[0] <= 9 else 2)
+    jacobian, point = integers(draw, m, n), integers(draw, n, largest=9 if n <= 9 else 2)
     jacobian[:, 0] += ~jacobian.any(axis=1)  # a zero row is a case of its own, k = 1
-    k = min(draw(any_of((2, 3, 2, 1, 6, 12))), shape[1], shape[0] + 1)
+    k = min(draw(any_of((2, 3, 2, 1, 6, 12))), m, n + 1)
     jacobian[k - 1] = -picks(draw, k - 1, (1.0, 2.0, 3.0)) @ jacobian[: k - 1]
-    bound = jacobian @ point - _slacks(draw, shape[1])
+    bound = jacobian @ point - _slacks(draw, m)
     excess = np.ceil(np.sqrt((jacobian[:k] ** 2).sum(axis=1))) + 1.0
     bound[:k] = jacobian[:k] @ point + excess * draw(any_of((1.0, 1 / 32 if k <= 3 else 1.0)))
-    order = orders(draw, shape[1])
+    order = orders(draw, m)
     bound = bound[order]
-    equality = equalities(draw, shape[1], case) & (bound > -np.inf)
-    return DirectionProblem(integers(draw, shape[0]), jacobian[order], bound, equality)
+    equality = equalities(draw, m, case) & (bound > -np.inf)
+    return DirectionProblem(integers(draw, n), jacobian[order], bound, equality)
 
 
 def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, "m"]:
@@ -202,12 +201,11 @@ def rescaled(problem: DirectionProblem, scale: float, factors: Float[np.ndarray,
     )
 
 
-def _shape(
-    draw: st.DrawFn, n: IntegerChoice | None, m: IntegerChoice | None, shapes: st.SearchStrategy[Any]
+def _size(
+    draw: st.DrawFn, n: IntegerChoice | None, m: IntegerChoice | None, cases: Collection[Case], least_rows: int = 1
 ) -> tuple[int, int]:
     if n is None and m is None:
-        shape: tuple[int, int] = draw(shapes)
-        return shape
+        return shape_for(draw, cases, least_rows)
     return chosen(draw, 3 if n is None else n), chosen(draw, 3 if m is None else m)
 
 
