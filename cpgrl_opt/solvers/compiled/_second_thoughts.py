@@ -144,6 +144,8 @@ def least_violating(problem: Problem, proven: Answer) -> Answer:
     on = (rows.largest > 0.0) & (problem.bound > -inf)
     unit, bound, exact = rows.jacobian[on], rows.per_length(problem.bound)[on], problem.equality[on]
     required = np.where(exact, np.abs(bound), np.maximum(bound, 0.0)).max(initial=0.0)
+    if required == 0.0 and not problem.gradient.any():  # d = 0, and no number to measure rounding by
+        return proven._replace(value=np.zeros_like(problem.gradient))
     exponent = frexp(max(float(lengths(problem.gradient)), float(required)))[1]
     gradient, bound = np.ldexp(problem.gradient, -exponent), np.ldexp(bound, -exponent)
     included = exact | (bound > _FAR)
