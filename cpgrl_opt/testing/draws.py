@@ -52,7 +52,7 @@ MOST_PARAMETERS, MOST_ROWS = 60, 12
 _ANY_SHAPE = 6
 
 # Each array is one draw of so many bytes, whatever its shape: where Hypothesis tries a smaller shape, all other arrays
-# stay what they are.
+# stay what they are. All draws are of one size, for where it copies one over another of another size it puts zeros.
 _BLOCK_SIZE = 16
 _STRIDE = 4  # of the rows of small matrices, so that a smaller shape is a corner of the larger
 _only_small: ContextVar[bool] = ContextVar("only_small", default=False)
@@ -139,6 +139,21 @@ def chosen(draw: st.DrawFn, choice: Any) -> Any:
     return float(lowest * (highest / lowest) ** (draw(between(0, steps)) / steps))
 
 
+def parts(draw: st.DrawFn, count: int, length: int) -> list[st.DrawFn]:
+    """Up to four arrays of one length in a single block where they are short: each stands for a `draw` of its own.
+
+    A choice costs Hypothesis more than its bytes. For what is 0 in most counterexamples, since they shrink together.
+    """
+    if length > _STRIDE:
+        return [draw] * count
+    block = draw(_BLOCK)
+
+    def part(k: int) -> Any:
+        return lambda _: block[k * _STRIDE : (k + 1) * _STRIDE].ljust(_BLOCK_SIZE, b"\0")
+
+    return [part(k) for k in range(count)]
+
+
 def integers(
     draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY, largest: int = LARGEST_ENTRY
 ) -> Float[np.ndarray, "..."]:
@@ -149,6 +164,11 @@ def integers(
 def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
     """`count` of the options, the first being the simplest."""
     return _picked(draw(_BLOCK), (count,), tuple(options))
+
+
+def pick(draw: st.DrawFn, options: Sequence[T]) -> T:
+    """One of the options by a block of its own, the first being the simplest."""
+    return options[int(picks(draw, 1, range(len(options)))[0])]
 
 
 def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:

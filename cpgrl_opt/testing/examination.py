@@ -20,8 +20,8 @@ from ..solvers.interface import DirectionSolver, tolerance_of
 from .domain import rare_shapes, traits_of
 from .draws import only_shapes, small_shapes
 from .law import LawBroken, Outcome, takes
-from .laws import Arguments, Law
-from .process_state import restored
+from .laws import Arguments, Law, part_drawn
+from .process_state import large_state_restored, restored
 from .strategies import Case
 
 # Shrinking asks the solver this often at most: slow solvers then keep a counterexample that is not quite minimal.
@@ -110,7 +110,7 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
             raise _Enough
 
     with _traceless():
-        draws, found.untaken = _draws_for(law, solver, max_examples, number)
+        draws, found.untaken = _draws_for(law, solver, math.ceil(part_drawn(law) * max_examples), number)
         found.skipped = found.untaken
         with suppress(_Enough):
             draws.each(judge, math.ceil(law.part * max_examples))
@@ -184,7 +184,7 @@ class _Draws:
         for arguments in self._kept()[:count]:
             judge(arguments)
 
-    @lru_cache(maxsize=6)  # noqa: B019 - a few, by value
+    @lru_cache(maxsize=32)  # noqa: B019 - a few, by value
     def _kept(self) -> tuple[dict[str, Any], ...]:
         drawn: list[dict[str, Any]] = []
         self.searched(drawn.append, Phase.generate)
@@ -293,17 +293,14 @@ def _outcome(law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> Ou
 
 @contextmanager
 def _traceless() -> Iterator[None]:
-    """Global generators are as before afterwards; what Hypothesis notes goes to a folder that vanishes.
+    """Generators and environment are as before afterwards; what Hypothesis notes goes to a folder that vanishes.
 
     It keeps notes in ./.hypothesis even without a database.
     """
     folder_before = getattr(configuration, "__hypothesis_home_directory", None)
-    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the caller's
-    with tempfile.TemporaryDirectory() as folder:
+    with large_state_restored(), tempfile.TemporaryDirectory() as folder:
         configuration.set_hypothesis_home_dir(folder)
         try:
             yield
         finally:
             configuration.set_hypothesis_home_dir(folder_before)
-            random.setstate(python)
-            np.random.set_state(numpy)  # noqa: NPY002

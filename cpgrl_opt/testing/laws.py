@@ -274,3 +274,8 @@ _TABLE = (
     ),
 )
 LAWS = {law.name: law for law in _TABLE}
+
+
+def part_drawn(law: Law) -> float:
+    """The largest part of the examples that any law of the same source asks for, since they share the draws."""
+    return max([law.part, *(other.part for other in _TABLE if other.arguments is law.arguments)])

@@ -28,7 +28,7 @@ from .law import (
     varied,
     whitened,
 )
-from .process_state import CHANGED_BY_IMPORTS, changes_since, restored, snapshot
+from .process_state import CHANGED_BY_IMPORTS, changes_since, large_state_restored, restored, snapshot
 from .sensitivity import answers_bound
 
 _THREADS, _ROUNDS = 4, 1
@@ -89,7 +89,7 @@ def check_global_state_is_unchanged(solver: DirectionSolver, problem: DirectionP
     looked at in the second only. Source: it belongs to the caller, whose random numbers the seed of a solver repeats.
     """
     for call in (0, 1):
-        with restored():
+        with large_state_restored(), restored():
             random.seed(91 + call)
             np.random.seed(91 + call)  # noqa: NPY002 - the caller's, whom the solver must not meet
             before = snapshot()

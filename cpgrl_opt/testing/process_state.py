@@ -53,10 +53,24 @@ def changes_since(before: Mapping[str, Any]) -> list[str]:
 
 
 @contextmanager
+def large_state_restored() -> Iterator[None]:
+    """The global generators and the environment are as before afterwards: what takes long to save."""
+    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the caller's
+    environment = dict(os.environ)
+    try:
+        yield
+    finally:
+        random.setstate(python)
+        np.random.set_state(numpy)  # noqa: NPY002
+        for name in set(os.environ) - set(environment):
+            del os.environ[name]
+        os.environ.update(environment)
+
+
+@contextmanager
 def restored() -> Iterator[None]:
-    """Everything that can be put back is put back afterwards."""
-    numpy_state, state = np.random.get_state(), random.getstate()  # noqa: NPY002
-    environment, folder, path = dict(os.environ), os.getcwd(), list(sys.path)
+    """All else that can be put back is put back afterwards."""
+    folder, path = os.getcwd(), list(sys.path)
     handlers = [(number, signal.getsignal(number)) for number in _SIGNALS]
     language, interval, limit = locale.setlocale(locale.LC_ALL), sys.getswitchinterval(), sys.getrecursionlimit()
     streams, hook = (sys.stdin, sys.stdout, sys.stderr), sys.excepthook
@@ -64,11 +78,6 @@ def restored() -> Iterator[None]:
         with warnings.catch_warnings(), np.errstate(), np.printoptions():
             yield
     finally:
-        np.random.set_state(numpy_state)  # noqa: NPY002
-        random.setstate(state)
-        for name in set(os.environ) - set(environment):
-            del os.environ[name]
-        os.environ.update(environment)
         os.chdir(folder)
         sys.path[:] = path
         _restore_handlers(handlers)

@@ -22,6 +22,7 @@ from .draws import (
     integers,
     members,
     orders,
+    parts,
     picks,
     shape,
 )
@@ -139,20 +140,21 @@ def feasible_problem(
 ) -> DirectionProblem:
     """g, b and equalities around a point d that meets J d ≥ b; with a `conflict` d is the optimum."""
     m, n = jacobian.shape
-    equality = equalities(draw, m, case)
+    kinds, rows, slacks, signs = parts(draw, 4, m)
+    equality = equalities(kinds, m, case)
     point = integers(draw, n)
     binding = equality.copy()
     if conflict is not None:
-        binding |= _independent(jacobian, orders(draw, m), conflict)
+        binding |= _independent(jacobian, orders(rows, m), conflict)
     if not case.is_shifted:
         jacobian, point = _turned(jacobian, point, binding) if conflict is not None else (jacobian, 0 * point)
     bound = np.zeros(m)
     if case.is_shifted:
-        slack = np.where(binding, 0.0, _slacks(draw, m, lowest=0 if conflict is None else 1))
+        slack = np.where(binding, 0.0, _slacks(slacks, m, lowest=0 if conflict is None else 1))
         bound = jacobian @ point - slack
     if conflict is None:
         return DirectionProblem(integers(draw, n), jacobian, bound, equality)
-    weights = integers(draw, m, lowest=1) * np.where(equality, picks(draw, m, (1.0, -1.0)), 1.0)
+    weights = integers(draw, m, lowest=1) * np.where(equality, picks(signs, m, (1.0, -1.0)), 1.0)
     return DirectionProblem(point - (weights * binding) @ jacobian, jacobian, bound, equality)
 
 
@@ -169,14 +171,15 @@ def infeasible_problems(
     # b̂ stays within 30 times the least miss
     jacobian, point = integers(draw, m, n), integers(draw, n, largest=9 if n <= 9 else 2)
     jacobian[:, 0] += ~jacobian.any(axis=1)  # a zero row is a case of its own, k = 1
+    farkas, slacks, rows, kinds = parts(draw, 4, m)
     k = min(draw(any_of((2, 3, 2, 1, 6, 12))), m, n + 1)
-    jacobian[k - 1] = -picks(draw, k - 1, (1.0, 2.0, 3.0)) @ jacobian[: k - 1]
-    bound = jacobian @ point - _slacks(draw, m)
+    jacobian[k - 1] = -picks(farkas, k - 1, (1.0, 2.0, 3.0)) @ jacobian[: k - 1]
+    bound = jacobian @ point - _slacks(slacks, m)
     excess = np.ceil(np.sqrt((jacobian[:k] ** 2).sum(axis=1))) + 1.0
     bound[:k] = jacobian[:k] @ point + excess * draw(any_of((1.0, 1 / 32 if k <= 3 else 1.0)))
-    order = orders(draw, m)
+    order = orders(rows, m)
     bound = bound[order]
-    equality = equalities(draw, m, case) & (bound > -np.inf)
+    equality = equalities(kinds, m, case) & (bound > -np.inf)
     return DirectionProblem(integers(draw, n), jacobian[order], bound, equality)
 
 

@@ -153,7 +153,7 @@ def test_a_correct_limited_solver_passes_the_laws_that_speak_about_it(solver, si
     ],
 )
 def test_a_wrong_solver_of_one_row_is_rejected(mistake, law):
-    result = check_direction_solver(OneRow(mistake), checks=[law], max_examples=15)[law]
+    result = check_direction_solver(OneRow(mistake), checks=[law], max_examples=25)[law]
     assert result.failed
 
 

@@ -29,6 +29,8 @@ def single(problem):
     names = ("gradient", "jacobian", "bound")
     with np.errstate(over="ignore"):
         rounded = [getattr(problem, name).astype(np.float32) for name in names]
+    if np.isinf(rounded[2][problem.bound > -np.inf]).any():
+        return SimpleNamespace(value=np.zeros(problem.n), multipliers=np.zeros(problem.m), status=Status.UNSUPPORTED)
     answer = ACTIVE_SET.solve(DirectionProblem(*rounded, problem.equality))
     value, multipliers = (part.astype(np.float32) for part in (answer.value, answer.multipliers))
     return SimpleNamespace(value=value, multipliers=multipliers, status=answer.status)
