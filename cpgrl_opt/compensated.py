@@ -32,6 +32,24 @@ class Pair(NamedTuple):
         product, error = two_product(self.hi, factor)
         return _normalised(product, error + self.lo * factor)
 
+    def times_pair(self, other: "Pair") -> "Pair":
+        """The product, each with each."""
+        product, error = two_product(self.hi, other.hi)
+        return _normalised(product, error + (self.hi * other.lo + self.lo * other.hi))
+
+    def over(self, other: "Pair") -> "Pair":
+        """The quotient: of the high parts, corrected once by what it leaves."""
+        quotient = self.hi / other.hi
+        rest = self.plus(Pair(-other.hi, -other.lo).times(quotient))
+        return _normalised(quotient, rest.rounded() / other.hi)
+
+    def root(self) -> "Pair":
+        """√, of numbers > 0: Newton's method, once."""
+        first = np.sqrt(self.hi)
+        square, error = two_product(first, first)
+        rest = self.plus(Pair(-square, -error))
+        return _normalised(first, rest.rounded() / (2.0 * first))
+
     def rounded(self) -> Float[np.ndarray, "*k"]:
         """hi + lo."""
         return np.asarray(self.hi + self.lo)

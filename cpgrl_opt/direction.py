@@ -51,6 +51,21 @@ _ADVICE = {
 }
 
 
+@dataclass(frozen=True)
+class KKTResiduals:
+    """Four relative residuals, each 0 at an exact optimum; infinite where an answer is not finite."""
+
+    stationarity: float
+    primal: float
+    dual: float
+    complementarity: float
+
+    @property
+    def worst(self) -> float:
+        """The largest of the four."""
+        return max(self.stationarity, self.primal, self.dual, self.complementarity)
+
+
 class DirectionError(RuntimeError):
     """A direction was needed and the solver had no certified one."""
 
@@ -61,7 +76,9 @@ class Direction:
 
     In a metric Md = g + Jᵀμ, in a ball κMd = g + Jᵀμ. value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y
     (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0; or bᵀy > radius ‖Jᵀy‖_M⁻¹ where the ball misses the constraints).
-    iterations: as the method counts them; radius_multiplier κ ≥ 0: 0 where the ball is slack, or there is none.
+    iterations: as the method counts them; radius_multiplier κ ≥ 0: 0 where the ball is slack, or there is none;
+    residuals: those that an OPTIMAL was granted on, None where only their worst was looked at; rung: how g and J were
+    looked at, "gramian", "pairs" (see `reduction`) or "rows"; "" where the solver does not say.
     Source: §2.3 of the paper, where λ = −μ.
     """
 
@@ -70,6 +87,8 @@ class Direction:
     status: Status
     iterations: int = 0
     radius_multiplier: float = 0.0
+    residuals: KKTResiduals | None = None
+    rung: str = ""
 
     def raise_for_status(self) -> None:
         """DirectionError with the status' advice unless the direction is OPTIMAL."""

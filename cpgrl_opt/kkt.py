@@ -38,15 +38,18 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from .arrays import Mask, Multipliers, Vector
+from .arrays import Float, Mask, Multipliers, Vector
+from .direction import KKTResiduals as KKTResiduals
 from .exact_terms import exact_terms
 from .problem import DirectionProblem, euclidean, lengths, unit_rows
 from .units import in_units
 from .validation import real_values, require_shape
+from .vectors import Certificate, is_long
 
 _EPS = float(np.finfo(np.float64).eps)
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
 _ROUNDED_GAIN = 8 * _EPS
+_SAFE_LENGTH = (1e-140, 1e140)  # of vectors whose squares neither over- nor underflow
 _ALLOWED = 1e-5  # most that rounding of μ is allowed of the stationarity, in its unit
 
 
@@ -63,21 +66,6 @@ class HasValueAndMultipliers(Protocol):
         """μ, (m,)."""
 
 
-@dataclass(frozen=True)
-class KKTResiduals:
-    """Four relative residuals, each 0 at an exact optimum; infinite where an answer is not finite."""
-
-    stationarity: float
-    primal: float
-    dual: float
-    complementarity: float
-
-    @property
-    def worst(self) -> float:
-        """The largest of the four."""
-        return max(self.stationarity, self.primal, self.dual, self.complementarity)
-
-
 _HOPELESS = KKTResiduals(np.inf, np.inf, np.inf, np.inf)
 
 
@@ -92,7 +80,19 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     if problem.metric is not None or problem.radius is not None:
         kappa = 0.0 if problem.radius is None else float(getattr(direction, "radius_multiplier", 0.0))
         return _residuals_in_geometry(problem, d, mu, kappa)
+    if is_long(problem.m, problem.n):
+        return _long_residuals(problem, d, mu)
     return _euclidean_residuals(problem, d, mu)
+
+
+def _long_residuals(problem: DirectionProblem, d: Vector, multipliers: Multipliers) -> KKTResiduals:
+    """In passes over the vectors as they are; as `_euclidean_residuals` where a square leaves float64."""
+    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, multipliers)
+    sizes = [*lengths[lengths > 0.0], certificate.length or 1.0]
+    if not (_SAFE_LENGTH[0] < min(sizes) and max(sizes) < _SAFE_LENGTH[1]):
+        return _euclidean_residuals(problem, d, multipliers)
+    lengths = np.where(np.append(True, problem.jacobian.any(axis=1)), lengths, 0.0)
+    return certified_residuals(certificate, problem, multipliers, lengths)
 
 
 def _euclidean_residuals(problem: DirectionProblem, d: Vector, multipliers: Multipliers) -> KKTResiduals:
@@ -129,15 +129,44 @@ def _relative_residuals(
     d, g = (each / sigma for each in d_and_gradient)
     bound, mu = (each / sigma for each in bound_and_multipliers)
     slack = jacobian @ d - bound
-    inequality = ~problem.equality
-    rounding = 8 * _EPS * _total(mu)
-    rest = _norm(d - g - mu @ jacobian) if rounding < _ALLOWED else in_rationals() / sigma
+    rest = _norm(d - g - mu @ jacobian) if 8 * _EPS * _total(mu) < _ALLOWED else in_rationals() / sigma
+    return _judged(slack, mu, rest, problem.equality)
+
+
+def _judged(slack: Multipliers, mu: Multipliers, rest: float, equality: Mask) -> KKTResiduals:
+    """Of Ĵd − b̂, μ̂ and ‖d − g − Jᵀμ‖, all in units of σ."""
+    inequality = ~equality
     return KKTResiduals(
-        stationarity=max(rest - min(rounding, _ALLOWED), 0.0),
+        stationarity=max(rest - min(8 * _EPS * _total(mu), _ALLOWED), 0.0),
         primal=_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))),
         dual=_largest(np.maximum(-mu[inequality], 0.0)),
         complementarity=_largest(np.abs(np.minimum(mu, slack))[inequality]),
     )
+
+
+def certified_residuals(
+    certificate: Certificate,
+    problem: DirectionProblem,
+    multipliers: Multipliers,
+    lengths: Float[np.ndarray, "channels"],
+) -> KKTResiduals:
+    """The residuals of a certificate; infinite where a number leaves float64, or rounding of μ could hide an error.
+
+    lengths: of g and of each row, 0 for what is 0 or off.
+    """
+    sigma = max(float(lengths[0]), certificate.length)
+    if sigma == 0.0:  # g = d = 0: nothing to be relative to
+        violated = np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0).any()
+        return KKTResiduals(0.0, np.inf if violated else 0.0, 0.0, 0.0)
+    if not (sigma < np.inf and certificate.rest < np.inf and np.isfinite(certificate.products).all()):
+        return _HOPELESS
+    rows = np.where(lengths[1:] > 0.0, lengths[1:], 1.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        mu = multipliers * rows / sigma
+        slack = (certificate.products - problem.bound) / rows / sigma
+    if not 8 * _EPS * _total(mu) < _ALLOWED:
+        return _HOPELESS
+    return _judged(slack, mu, certificate.rest / sigma, problem.equality)
 
 
 def _residuals_in_geometry(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> KKTResiduals:

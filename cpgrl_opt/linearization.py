@@ -1,11 +1,13 @@
 """Values and gradients of all reward channels at θ: what a gradient estimator hands to a step."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .arrays import ArrayLike, Float
-from .validation import is_finite, real_values, require_shape
+from .validation import real_values, require_finite, require_shape
+from .vectors import ArrayVectors, is_long
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -26,15 +28,28 @@ class Linearization:
 
     def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
-        values = _finite("values", values)
-        gradients = _finite("gradients", gradients)
+        values, gradients = real_values("values", values), real_values("gradients", gradients)
         if gradients.ndim < 2:
             raise ValueError(f"gradients should have shape (…, 1 + m, n); found {gradients.shape}")
+        require_finite("values", values)
         require_shape("values", values, gradients.shape[:-1])
         if values.shape[-1] == 0:
             raise ValueError("values should have at least the objective's channel; found none")
-        object.__setattr__(self, "values", values)
-        object.__setattr__(self, "gradients", gradients)
+        vars(self).update(values=values, gradients=gradients)
+        if not (self.is_long and all(vectors.are_finite() for vectors in self.vectors)):
+            require_finite("gradients", gradients)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether a step first reduces the gradients to their span."""
+        channels, n = self.gradients.shape[-2:]
+        return is_long(channels - 1, n)
+
+    @cached_property
+    def vectors(self) -> tuple[ArrayVectors, ...]:
+        """The gradients of each run, in the order of their indices; they keep their inner products."""
+        runs = np.ndindex(self.gradients.shape[:-2])
+        return tuple(ArrayVectors(self.gradients[run][0], self.gradients[run][1:]) for run in runs)
 
     @property
     def objective_gradient(self) -> Float[np.ndarray, "*runs n"]:
@@ -50,10 +65,3 @@ class Linearization:
         """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""
         slack: np.ndarray = self.values[..., 1:] - thresholds
         return slack
-
-
-def _finite(name: str, values: ArrayLike) -> Float[np.ndarray, "..."]:
-    array = real_values(name, values)
-    if not is_finite(array):
-        raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
-    return array

@@ -24,9 +24,12 @@ from .validation import (
     read_only,
     real_array,
     real_values,
+    real_view,
+    require_finite,
     require_positive,
     require_shape,
 )
+from .vectors import ArrayVectors, is_long
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -36,8 +39,9 @@ class DirectionProblem:
     gradient g: (n,), ascent gradient of the objective; jacobian J: (m, n), constraint gradients as rows;
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
     for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, None for the identity;
-    radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only. Raises ValueError for NaN,
-    infinities (but −inf in an inequality's bound), wrong shapes, non-numbers, masked entries.
+    radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only; but long g and J, with
+    n (1 + m)² ≥ 10⁶, are looked at where they lie: leave them alone as long as the problem is in use.
+    Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, no numbers, masked entries.
     """
 
     gradient: Vector
@@ -56,13 +60,18 @@ class DirectionProblem:
         metric: ArrayLike | None = None,
         radius: Number | None = None,
     ) -> None:
-        g = finite_array("gradient", gradient, 1)
-        J = finite_array("jacobian", jacobian, 2)
+        if _is_long(jacobian):
+            g, J = real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2)
+        else:
+            g, J = finite_array("gradient", gradient, 1), finite_array("jacobian", jacobian, 2)
         n = J.shape[1]
         require_shape("gradient", g, (n,))
         if n == 0:
             raise ValueError("gradient should have at least one component; found none")
         _set_fields(self, g, J, *_bounds(bound, equality, J))
+        if _is_long(jacobian) and not self.vectors.are_finite():
+            require_finite("gradient", g)
+            require_finite("jacobian", J)
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n))
         if radius is not None:
@@ -93,6 +102,11 @@ class DirectionProblem:
     def whitening(self) -> Whitening | None:
         """Coordinates in which M = I; None where it is already."""
         return None if self.metric is None else validated_metric(self.metric, self.n)[1]
+
+    @cached_property
+    def vectors(self) -> ArrayVectors:
+        """g and the rows, as the reduction to their span looks at them; keeps their inner products."""
+        return ArrayVectors(self.gradient, self.jacobian)
 
     @property
     def n(self) -> int:
@@ -255,6 +269,10 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         if self.radius is not None:
             object.__setattr__(problem, "radius", float(self.radius[index]))
         return problem
+
+
+def _is_long(jacobian: ArrayLike) -> bool:
+    return type(jacobian) is np.ndarray and jacobian.ndim == 2 and is_long(*jacobian.shape)
 
 
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:

@@ -17,6 +17,7 @@ from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, 
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
+from .reduction import RUNGS, coordinates
 from .solvers import (
     SELF_JUDGING,
     SOLVERS,
@@ -40,6 +41,7 @@ from .validation import (
     require_nonnegative,
     require_shape,
 )
+from .vectors import ArrayVectors
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -163,15 +165,62 @@ class ConstrainedStep(ReadOnlyArrays):
         FloatingPointError where rates times directions overflow.
         """
         limits = real_values("thresholds", thresholds)
-        channels, n = linearization.gradients.shape[-2:]
-        require_shape("thresholds", limits, (channels - 1,))
+        require_shape("thresholds", limits, (linearization.gradients.shape[-2] - 1,))
         slack = np.ascontiguousarray(linearization.slack(limits))
         if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
         active = self._active(slack, previous)
+        if linearization.is_long and self._geometry is None:  # type: ignore[attr-defined]
+            return self._in_span(linearization, slack, active, observe)
+        return self._on_rows(linearization.gradients, slack, active, observe)
+
+    def _in_span(
+        self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+    ) -> StepResult:
+        """Run by run in the 1 + m coordinates of its own gradients: `observe` sees the subproblems in these."""
+        results = []
+        for run, vectors in zip(np.ndindex(slack.shape[:-1]), linearization.vectors, strict=True):
+            results.append(self._one_in_span(vectors, slack[run], active[run], observe))
+        if slack.ndim == 1:
+            return results[0]
         runs = slack.shape[:-1]
-        gradients = np.ascontiguousarray(linearization.gradients)
+        change = np.array([each.change for each in results]).reshape(*runs, linearization.gradients.shape[-1])
+        stationary = np.array([each.stationary for each in results], dtype=np.bool_).reshape(runs)
+        counts = {
+            name: np.array([each.counts[name] for each in results], dtype=np.int64).reshape(runs) for name in _COUNTS
+        }
+        return StepResult(change, active, stationary, counts)
+
+    def _one_in_span(
+        self, vectors: ArrayVectors, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+    ) -> StepResult:
+        seen: list[tuple[ProblemBatch, DirectionBatch]] = []
+        see = None if observe is None else lambda *pair: seen.append(pair)
+        for rung in RUNGS:
+            small = coordinates(vectors, active, rung)
+            if small is None:
+                continue
+            seen.clear()
+            result = self._on_rows(np.vstack([small.gradient, small.jacobian]), slack, active, see)
+            change, certificate = vectors.combine(small.weights(result.change), np.zeros(len(slack)))
+            unit = float(lengths(result.change)) + float(self.step_size * small.lengths[0])
+            if small.holds(result.change, certificate, unit):
+                for pair in seen if observe is not None else ():
+                    observe(*pair)  # type: ignore[misc]
+                return replace(result, change=change)
+        return self._on_rows(np.vstack([vectors.gradient, vectors.jacobian]), slack, active, observe)
+
+    def _on_rows(
+        self,
+        gradients: Float[np.ndarray, "*runs channels n"],
+        slack: np.ndarray,
+        active: np.ndarray,
+        observe: Observer | None,
+    ) -> StepResult:
+        channels, n = gradients.shape[-2:]
+        runs = slack.shape[:-1]
+        gradients = np.ascontiguousarray(gradients)
         if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
             gradients = gradients.copy()
         if len(runs) == 1:

@@ -33,6 +33,20 @@ def finite_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]
     return array
 
 
+def real_view(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
+    """A read-only float64 array, not copied if it is one: writes to `values` are seen. NaN is not looked for."""
+    array = real_values(name, values)
+    if array.ndim != ndim:
+        raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
+    return read_only(array)
+
+
+def require_finite(name: str, array: NDArray[np.float64]) -> None:
+    """ValueError for NaN and infinities."""
+    if not is_finite(array):
+        raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
+
+
 def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
     """A read-only, C-contiguous copy of booleans."""
     array = np.array(boolean_array(name, values), order="C")
@@ -67,6 +81,8 @@ class ReadOnlyArrays:
 
 def is_finite(array: NDArray[np.float64]) -> bool:
     """No NaN and no infinity. One dot product tells it of nearly all arrays; beyond 1e154 their squares overflow."""
+    if array.ndim == 2 and not array.flags.c_contiguous:  # of which `vdot` would make a copy
+        return is_finite(array.T) if array.flags.f_contiguous else all(map(is_finite, array))
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 

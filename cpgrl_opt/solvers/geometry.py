@@ -19,12 +19,14 @@ from ..direction import Direction, DirectionBatch, Status
 from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
 from ..units import Units, in_units
+from ..vectors import is_long
 from .asking import ask
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
 from .infeasibility import FARKAS_TOLERANCE
 from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
 from .polishing import polished
 from .reduction import scale_problem
+from .span import solve_in_span
 
 SolverClass = TypeVar("SolverClass", bound=type)
 Solve = Callable[[DirectionProblem], Direction]
@@ -45,6 +47,8 @@ def takes_geometry(solver_class: SolverClass) -> SolverClass:
     @wraps(solve)
     def solve_in_geometry(self: Any, problem: DirectionProblem) -> Direction:
         if problem.metric is None and problem.radius is None:
+            if is_long(problem.m, problem.n):
+                return solve_in_span(partial(solve, self), problem, _tolerance(self))
             answer: Direction = solve(self, problem)
             return answer
         return solve_transformed(partial(solve, self), problem, _tolerance(self))
@@ -62,6 +66,9 @@ def _batch_in_geometry(solve: Callable[..., Direction], batch: Callable[..., Dir
     def solve_batch_in_geometry(self: Any, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         stacked = ProblemBatch.stack(problems)
         if stacked.metric is None and stacked.radius is None:
+            if is_long(*stacked.jacobian.shape[1:]) and len(stacked) > 0:
+                one = partial(solve, self)
+                return DirectionBatch.stack([solve_in_span(one, problem, _tolerance(self)) for problem in stacked])
             return batch(self, stacked)
         return solve_batch_transformed(partial(solve, self), partial(batch, self), stacked, _tolerance(self))
 

@@ -14,12 +14,14 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
 from ..settings import CheckedSettings
+from ..vectors import is_long
 from .cvxpy_call import solve_statement
 from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
 from .packages import require_import, require_package
 from .preparation import require_session_shape, solve_prepared
 from .reduction import BackEndAnswer, ReducedProblem
 from .second_order_cone import state_and_solve
+from .span import solve_in_span
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,8 @@ class CVXPY(CheckedSettings):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction, compiled for this problem alone; see `Status`. Raises MissingPackageError."""
+        if problem.metric is None and problem.radius is None and is_long(problem.m, problem.n):
+            return solve_in_span(lambda small: self.session(small.n, small.m).solve(small), problem, self.tolerance)
         return self.session(problem.n, problem.m).solve(problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:

@@ -1,0 +1,162 @@
+"""Coordinates in the span of g and the rows of J, found from their inner products alone.
+
+    K = V Vᵀ = L Lᵀ,   V = L Q = [rows; g],   Q orthonormal and never formed       L lower triangular, k ≤ 1 + m columns
+
+A direction in the span is d = Qᵀx. So min ½‖d − g‖² s.t. J d ≥ b is the same problem in x, with the rows of L for those
+of V; and d = a g + Jᵀw with Lᵀ(w, a) = x, the only other place where the vectors are met.
+
+There are two rungs. "gramian": L in float64, where the rows that are on are well apart, ‖L⁻¹‖_F² ≤ 1e4 for unit rows,
+and g is not nearly in their span. "pairs": K, L and w with 106 bits, for all else. Rows at an angle θ from opposing
+lose 2⁻¹⁰⁰/θ² of K, so that L is exact to rounding down to θ = 1e-7.
+Source: Golub & Van Loan, Matrix Computations, §4.2 and §5.3; with pivoting: Higham 2002, §10.3.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from .arrays import Bool, Float, Int
+from .compensated import Pair
+from .vectors import Certificate, Vectors
+
+RUNGS = ("gramian", "pairs")
+EXACT = 1e-12  # what the first rung adds to an answer at the most where its gates are open
+# Rung 1 loses ‖L⁻¹‖² eps of an answer: 1e-12 here. With 1e8 rows 1e-4 rad from opposing would be off by 1e-8, which
+# the certificate finds a pass too late.
+_APART = 1e4
+# g's squared distance from the rows' span, over g·g: PΔ¹ has no digit left where it is eps.
+_OUT_OF_SPAN = 1e-8
+# A row depends on others where no more of its square is left: 1e-13 of its length, as in the exact solver. K in pairs
+# leaves 2⁻¹⁰⁰ or so of exact dependence, and 2⁻⁹⁷/√p after a pivot p.
+_RANK, _ROUNDING = 1e-26, 2.0**-97
+# Squared lengths beyond these leave float64, or lose digits as subnormal numbers.
+_LEAST, _MOST = 1e-280, 1e280
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """g and J in the coordinates of Q: gradient (k,), jacobian (m, k), k = 1 + m; rows that are off are 0.
+
+    scales: (1 + m,) powers of two, g's first, that leave the vectors ½ to 1 long; lengths: (1 + m,) of the vectors, 0
+    where they are off; factor: L of the scaled vectors, (1 + m, k), in the order of g and the rows; basis: the rows
+    that span, in the order of their columns; rung: which of RUNGS.
+    """
+
+    gradient: Float[np.ndarray, "k"]
+    jacobian: Float[np.ndarray, "m k"]
+    scales: Float[np.ndarray, "channels"]
+    lengths: Float[np.ndarray, "channels"]
+    factor: Pair
+    basis: Int[np.ndarray, "part"]
+    rung: str
+
+    def weights(self, x: Float[np.ndarray, "k"]) -> Pair:
+        """(a, w) with a g + Jᵀw = Qᵀx, (1 + m,); a = 1 exactly where x keeps g's part outside the span of the rows."""
+        weights, rank = _zeros(self.scales.shape), len(self.basis)
+        if self.rung == "gramian":
+            arrays = self.factor.hi, self.gradient, self.scales, rank, self.basis
+            _compiled().substitute(*arrays, np.ascontiguousarray(x), weights.hi)
+            return weights
+        outside = self.gradient[rank]
+        a = float(x[rank] / outside) if outside != 0.0 else 0.0
+        own = _entries(self.factor, 0, slice(rank)).times(self.scales[0])
+        rest = Pair(x[:rank], np.zeros(rank)).plus(own.times(-a))
+        w = _solved_transposed(_entries(self.factor, self.basis, slice(rank)), rest)
+        for part, found in zip(weights, w, strict=True):
+            part[self.basis] = found / self.scales[self.basis]
+        weights.hi[0] = a
+        return weights
+
+    def holds(self, x: Float[np.ndarray, "k"], certificate: Certificate, unit: float) -> bool:
+        """Whether J d and ‖d‖ of the vectors' own d are those of x to 1e-12 unit: what x proves, d proves too."""
+        on = self.lengths[1:] > 0.0
+        apart = np.abs(certificate.products - self.jacobian @ x)[on] / self.lengths[1:][on]
+        length = abs(certificate.length - float(np.linalg.norm(x)))
+        return bool(max(apart.max(initial=0.0), length) <= EXACT * unit)
+
+
+def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str) -> Coordinates | None:
+    """Of g and the rows that are on; None where the rung is not exact enough, or a square leaves float64."""
+    K = _pair(vectors.gramian()) if rung == "gramian" else vectors.gramian_in_pairs()
+    scales, lengths = np.empty(len(K.hi)), np.empty(len(K.hi))
+    if not _compiled().measure(K.hi, on, _LEAST, _MOST, scales, lengths):
+        return None
+    for i in np.flatnonzero(lengths == 0.0).tolist():
+        if (i == 0 or on[i - 1]) and not vectors.is_zero(i):
+            return None
+    found = (_factor if rung == "gramian" else _factor_in_pairs)(K, scales, lengths)
+    if found is None:
+        return None
+    factor, basis = found
+    L = scales[:, None] * factor.rounded()
+    return Coordinates(L[0], L[1:], scales, lengths, factor, basis, rung)
+
+
+def _factor(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.ndarray] | None:
+    """L of the rows and then g, in float64; None where the gates of rung 1 are shut."""
+    L, basis = np.empty(K.hi.shape), np.empty(len(K.hi), np.int64)
+    rank = _compiled().factorize(K.hi, scales, lengths, _APART, _OUT_OF_SPAN, L, basis)
+    return None if rank < 0 else (Pair(L, K.lo), basis[:rank])
+
+
+def _factor_in_pairs(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.ndarray]:
+    """L of the rows, the farthest from the span so far first, and then g; and the rows that span."""
+    exponents, rows = np.frexp(0.5 * scales)[1], [i for i in range(1, len(lengths)) if lengths[i] > 0.0]
+    K = Pair(*(np.ldexp(part, -exponents - exponents[:, None]) for part in K))
+    left, basis, factor, smallest = list(rows), list[int](), _zeros(K.hi.shape), 1.0
+    while left:
+        row = left[int(np.argmax(K.hi[left, left]))]
+        if not K.hi[row, row] > max(_RANK, _ROUNDING / np.sqrt(smallest)):
+            break
+        smallest = min(smallest, K.hi[row, row])
+        K = _eliminate(K, row, factor, len(basis))
+        left.remove(row)
+        basis.append(row)
+    if K.hi[0, 0] > max(_RANK, _ROUNDING / np.sqrt(smallest)):
+        _eliminate(K, 0, factor, len(basis))
+    for part in factor:  # what rounding leaves of 0
+        for k in range(len(basis)):
+            part[basis[:k], k] = 0.0
+        part[rows, len(basis) :] = 0.0
+    return factor, np.array(basis, np.int64)
+
+
+def _eliminate(K: Pair, row: int, factor: Pair, k: int) -> Pair:
+    """Column k of L from the row of K, and what it leaves of K."""
+    column = _entries(K, slice(None), row).over(_entries(K, row, row).root())
+    factor.hi[:, k], factor.lo[:, k] = column
+    across, down = (Pair(*(part[index] for part in column)) for index in (np.s_[None, :], np.s_[:, None]))
+    return K.plus(down.times_pair(Pair(-across.hi, -across.lo)))
+
+
+def _solved_transposed(L: Pair, x: Pair) -> Pair:
+    """L⁻ᵀx by back substitution."""
+    w = Pair(x.hi.copy(), x.lo.copy())
+    for j in range(len(w.hi) - 1, -1, -1):
+        found = _entries(w, j).over(_entries(L, j, j))
+        w.hi[j], w.lo[j] = found
+        across = _entries(L, j, slice(j)).times_pair(Pair(-found.hi, -found.lo))
+        w.hi[:j], w.lo[:j] = _entries(w, slice(j)).plus(across)
+    return w
+
+
+@cache
+def _compiled() -> Any:
+    """The module of compiled loops; imports numba."""
+    from . import _reduction
+
+    return _reduction
+
+
+def _entries(pair: Pair, *index: Any) -> Pair:
+    return Pair(pair.hi[index], pair.lo[index])
+
+
+def _pair(hi: np.ndarray) -> Pair:
+    return Pair(hi, np.zeros_like(hi))
+
+
+def _zeros(shape: tuple[int, ...]) -> Pair:
+    return Pair(np.zeros(shape), np.zeros(shape))

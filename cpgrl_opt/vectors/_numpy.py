@@ -1,0 +1,119 @@
+"""NumPy arrays of float64: one of g and one of the rows of J, in any order of storage."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Float, Jacobian, Multipliers, Vector
+from ..compensated import Pair
+from ..validation import is_finite
+from .interface import Certificate
+
+# Columns copied at a time where rows are not contiguous: 64 KB a row, small beside any vector for which this matters,
+# and large enough that Python's loop does not count.
+_CHUNK = 8192
+
+
+# Products in the Gramian below which to solve on the rows themselves is faster than Python's part of a reduction, which
+# takes 0.2 ms: the two meet at n = 20 000 with five constraints, at 1000 with fifty.
+LEAST_PRODUCTS = 1_000_000
+
+
+def is_long(m: int, n: int) -> bool:
+    """Whether a problem is reduced to the span of its vectors first: n (1 + m)² ≥ 10⁶ and n > 4 (1 + m)."""
+    return n * (1 + m) ** 2 >= LEAST_PRODUCTS and n > 4 * (1 + m)
+
+
+@cache
+def _blocks() -> Any:
+    """The module of compiled passes; imports numba."""
+    from . import _blocks as compiled
+
+    return compiled
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayVectors:
+    """g (n,) and J (m, n)."""
+
+    gradient: Vector
+    jacobian: Jacobian
+
+    def lengths(self) -> Float[np.ndarray, "channels"]:
+        """Of g and of each row; over- or underflows with their squares."""
+        return np.asarray(np.sqrt(self._gramian.diagonal()))
+
+    def gramian(self) -> Float[np.ndarray, "channels channels"]:
+        """K, each entry to about √n eps ‖vᵢ‖‖vⱼ‖; found once."""
+        return self._gramian
+
+    def are_finite(self) -> bool:
+        """No NaN and no infinity: seen in K, unless squares overflow."""
+        return bool(np.isfinite(self._gramian.diagonal()).all()) or all(map(is_finite, (self.gradient, *self.jacobian)))
+
+    @cached_property
+    def _gramian(self) -> np.ndarray:
+        K = self._square()
+        for gradient, jacobian, _ in self._chunks():
+            _blocks().gramian(gradient, jacobian, K)
+        return _mirrored(K)
+
+    def gramian_in_pairs(self) -> Pair:
+        """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
+        total = Pair(self._square(), self._square())
+        for gradient, jacobian, _ in self._chunks():
+            part = Pair(self._square(), self._square())
+            _blocks().gramian_in_pairs(gradient, jacobian, part.hi, part.lo)
+            total = total.plus(part)
+        return Pair(_mirrored(total.hi), _mirrored(total.lo))
+
+    def is_zero(self, index: int) -> bool:
+        """In one pass over that vector."""
+        return not (self.gradient if index == 0 else self.jacobian[index - 1]).any()
+
+    def combine(self, weights: Pair, multipliers: Multipliers) -> tuple[Vector, Certificate]:
+        """d of float64, in one pass with its certificate."""
+        d, sums, forces = np.empty(self.gradient.shape), np.zeros(2 + len(multipliers)), np.append(1.0, multipliers)
+        in_pairs = bool(weights.lo.any())
+        for gradient, jacobian, columns in self._chunks():
+            _blocks().combine(gradient, jacobian, weights.hi, weights.lo, forces, in_pairs, d[columns], sums)
+        return d, _certificate(sums)
+
+    def certificate(self, direction: Vector, multipliers: Multipliers) -> Certificate:
+        """In one pass."""
+        sums, forces = np.zeros(2 + len(multipliers)), np.append(1.0, multipliers)
+        for gradient, jacobian, columns in self._chunks():
+            _blocks().measure(gradient, jacobian, np.ascontiguousarray(direction[columns]), forces, sums)
+        return _certificate(sums)
+
+    def _square(self) -> np.ndarray:
+        return np.zeros((1 + len(self.jacobian), 1 + len(self.jacobian)))
+
+    def _chunks(self) -> Iterator[tuple[Vector, Jacobian, slice]]:
+        """(g, J) as the compiled passes take them: as they are if they can be, else copies of some columns."""
+        g, J, n = self.gradient, self.jacobian, len(self.gradient)
+        if g.flags.c_contiguous and J.flags.c_contiguous:
+            yield g, J, slice(0, n)
+            return
+        buffer = np.empty((1 + len(J), min(_CHUNK, n)))
+        for start in range(0, n, _CHUNK):
+            columns = slice(start, min(start + _CHUNK, n))
+            width = columns.stop - start
+            part = buffer if width == _CHUNK else np.empty((1 + len(J), width))
+            _blocks().pack(g[None, columns], part[:1])
+            _blocks().pack(J[:, columns], part[1:])
+            yield part[0], part[1:], columns
+
+
+def _certificate(sums: np.ndarray) -> Certificate:
+    rest, length = np.sqrt(sums[[0, -1]]).tolist()
+    return Certificate(rest, sums[1:-1], length)
+
+
+def _mirrored(lower: np.ndarray) -> np.ndarray:
+    """A symmetric matrix of its lower triangle."""
+    full: np.ndarray = np.tril(lower) + np.tril(lower, -1).T
+    return full
