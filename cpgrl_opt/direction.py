@@ -90,6 +90,14 @@ class Direction:
     residuals: KKTResiduals | None = None
     rung: str = ""
 
+    @classmethod
+    def found(cls, value: Vector, multipliers: Multipliers, status: Status, iterations: int, rung: str) -> "Direction":
+        """A direction without a ball and its residuals; faster than to set seven frozen fields one by one."""
+        direction = object.__new__(cls)
+        vars(direction).update(value=value, multipliers=multipliers, status=status, iterations=iterations)
+        vars(direction).update(radius_multiplier=0.0, residuals=None, rung=rung)
+        return direction
+
     def raise_for_status(self) -> None:
         """DirectionError with the status' advice unless the direction is OPTIMAL."""
         if self.status != Status.OPTIMAL:

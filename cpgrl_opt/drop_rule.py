@@ -26,7 +26,7 @@ from .solvers import ActiveSet, Rosen, solve_batch
 from .step_geometry import StepGeometry
 
 # What counts as 0 of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
-_NEGLIGIBLE = 1e-10
+NEGLIGIBLE = 1e-10
 
 
 def vanishing(
@@ -34,10 +34,10 @@ def vanishing(
 ) -> tuple[Bool[np.ndarray, "B"], bool]:
     """Whether a move is 0 up to rounding, relative to Δ¹: by run, and whether in any."""
     if geometry is not None:
-        found = geometry.vanishing(moves, constraints.gradients[:, 0], _NEGLIGIBLE)
+        found = geometry.vanishing(moves, constraints.gradients[:, 0], NEGLIGIBLE)
         return found, bool(found.any())
     found = np.empty(len(moves), np.bool_)
-    return found, step_kernels().mark_vanishing(moves, constraints.gradients, _NEGLIGIBLE, found)
+    return found, step_kernels().mark_vanishing(moves, constraints.gradients, NEGLIGIBLE, found)
 
 
 def tangents(constraints: ActiveConstraints, geometry: StepGeometry | None) -> Float[np.ndarray, "B n"]:
@@ -63,8 +63,8 @@ def leaving_constraints(
     rows = np.where(constraints.active[:, :, None], unit[:, 1:], 0.0)
     hats = np.where(constraints.active, unit_multipliers(rows, unit[:, 0]), 0.0)  # rounding leaves some of no row
     largest = hats.max(axis=1, initial=0.0, keepdims=True)
-    # Where even the largest is below _NEGLIGIBLE it leaves: no λ ≤ 0 exists, and the search must get on.
-    positive = constraints.active & (hats >= np.minimum(_NEGLIGIBLE, largest))
+    # Where even the largest is below NEGLIGIBLE it leaves: no λ ≤ 0 exists, and the search must get on.
+    positive = constraints.active & (hats >= np.minimum(NEGLIGIBLE, largest))
     with np.errstate(over="ignore"):
         harm = constraints.original(np.ldexp(hats / size[:, 1:], -exponents[:, 1:])) if raw else hats
     return largest_multipliers(harm, hats, positive)

@@ -8,10 +8,10 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 2017, eq. 10).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import overload
+from functools import cached_property, partial
+from typing import Any, overload
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .metric import Metric, Whitening, validated_metric
 from .validation import (
     ReadOnlyArrays,
     finite_array,
+    finite_copy,
     mask_array,
     read_only,
     real_array,
@@ -60,7 +61,8 @@ class DirectionProblem:
         metric: ArrayLike | None = None,
         radius: Number | None = None,
     ) -> None:
-        if _is_long(jacobian):
+        long = type(jacobian) is np.ndarray and jacobian.ndim == 2 and is_long(*jacobian.shape)
+        if long:
             g, J = real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2)
         else:
             g, J = finite_array("gradient", gradient, 1), finite_array("jacobian", jacobian, 2)
@@ -68,8 +70,8 @@ class DirectionProblem:
         require_shape("gradient", g, (n,))
         if n == 0:
             raise ValueError("gradient should have at least one component; found none")
-        _set_fields(self, g, J, *_bounds(bound, equality, J))
-        if _is_long(jacobian) and not self.vectors.are_finite():
+        _set_fields(self, g, J, *_bounds(bound, equality, J.shape[:-1]))
+        if long and not self.vectors.are_finite():
             require_finite("gradient", g)
             require_finite("jacobian", J)
         if metric is not None:
@@ -126,7 +128,7 @@ def euclidean(problem: DirectionProblem) -> DirectionProblem:
     """
     if problem.metric is None and problem.radius is None:
         return problem
-    g, J = problem.gradient, problem.jacobian
+    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
     if problem.whitening is not None:
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             g, J = problem.whitening.gradient(g), problem.whitening.rows(J)
@@ -166,7 +168,7 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
             raise ValueError("gradient should have at least one component; found none")
         g = finite_array("gradient", gradient, 2)
         require_shape("gradient", g, (runs, n))
-        _set_fields(self, g, J, *_bounds(bound, equality, J))
+        _set_fields(self, g, J, *_bounds(bound, equality, J.shape[:-1]))
         if metric is not None:
             given = real_values("metric", metric)
             if given.ndim not in (2, 3) or len(given) != runs:
@@ -271,10 +273,6 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         return problem
 
 
-def _is_long(jacobian: ArrayLike) -> bool:
-    return type(jacobian) is np.ndarray and jacobian.ndim == 2 and is_long(*jacobian.shape)
-
-
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
     # Faster than four times object.__setattr__, in the way of every update of a training.
     vars(frozen).update(
@@ -323,23 +321,36 @@ def _radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
     return radii
 
 
-def _bounds(bound: ArrayLike, equality: ArrayLike, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(bound: Any, equality: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """b and E, of each row or one for all."""
-    shape = jacobian.shape[:-1]
-    b, is_equality = real_array("bound", bound, None), mask_array("equality", equality)
-    b = np.full(shape, b) if b.ndim == 0 else b
-    is_equality = np.full(shape, is_equality) if is_equality.ndim == 0 else is_equality
-    require_shape("bound", b, shape)
-    require_shape("equality", is_equality, shape)
-    _require_bounds(b, is_equality)
+    is_equality = (
+        _spread(equality, shape) if type(equality) is bool else _of_each_row("equality", mask_array, equality, shape)
+    )
+    b = finite_copy(bound, len(shape))
+    if b is not None and b.shape == shape:
+        return b, is_equality
+    if type(bound) is float and -np.inf < bound < np.inf:
+        return _spread(bound, shape), is_equality
+    b = _of_each_row("bound", partial(real_array, ndim=None), bound, shape)
+    if not (b < np.inf).all():  # NaN fails the comparison too
+        raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
+    if (is_equality & (b == -np.inf)).any():
+        raise ValueError("bound should be finite on an equality; found −inf")
     return b, is_equality
 
 
-def _require_bounds(bound: Float[np.ndarray, "..."], equality: Bool[np.ndarray, "..."]) -> None:
-    if not (bound < np.inf).all():  # NaN fails the comparison too
-        raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
-    if (equality & (bound == -np.inf)).any():
-        raise ValueError("bound should be finite on an equality; found −inf")
+def _spread(value: float | bool, shape: tuple[int, ...]) -> np.ndarray:
+    """One value for all, quickly where it is 0: np.full takes as long as a solve."""
+    return np.zeros(shape, type(value)) if value == 0 else np.full(shape, value)
+
+
+def _of_each_row(
+    name: str, checked: Callable[[str, ArrayLike], np.ndarray], values: ArrayLike, shape: tuple[int, ...]
+) -> np.ndarray:
+    array = checked(name, values)
+    array = np.full(shape, array) if array.ndim == 0 else array
+    require_shape(name, array, shape)
+    return array
 
 
 # Squares of these neither over- nor underflow, nor lose digits as subnormal numbers.

@@ -7,13 +7,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .arrays import ArrayLike, Bool, Float, Int, Number
 from .direction import DirectionBatch, DirectionError, Status
-from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
+from .drop_rule import NEGLIGIBLE, has_positive_multipliers, leaving_constraints, tangents, vanishing
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization
 from .problem import ProblemBatch, lengths
@@ -150,6 +151,21 @@ class ConstrainedStep(ReadOnlyArrays):
             object.__setattr__(self, "metric", geometry.metric)
             object.__setattr__(self, "_metric_bytes", geometry.metric.tobytes())
         object.__setattr__(self, "_geometry", geometry)
+        object.__setattr__(self, "_direct", self._usual_way())
+
+    def _usual_way(self) -> tuple[Any, ...] | None:
+        """Arguments of `direct_step.move`; None where these settings need more than it does."""
+        is_plain = self.ridge == 0 and self.max_restoration == np.inf and self._geometry is None  # type: ignore[attr-defined]
+        formulation = FORMULATIONS[self.formulation]
+        if (
+            type(self.solver) not in _EXACT
+            or not is_plain
+            or (self.formulation == "equality" and self.drop == "always")
+        ):
+            return None
+        solver = type(self.solver) is Rosen, formulation.is_equality, formulation.restores_inside
+        rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)  # type: ignore[arg-type]
+        return *solver, *rates, NEGLIGIBLE
 
     def __call__(
         self,
@@ -218,21 +234,25 @@ class ConstrainedStep(ReadOnlyArrays):
         active: np.ndarray,
         observe: Observer | None,
     ) -> StepResult:
-        channels, n = gradients.shape[-2:]
-        runs = slack.shape[:-1]
+        runs, (channels, n) = slack.shape[:-1], gradients.shape[-2:]
         gradients = np.ascontiguousarray(gradients)
         if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
             gradients = gradients.copy()
-        if len(runs) == 1:
-            run = _Run(self, observe, runs[0])
-            change, stationary = run.step(run.admitted(gradients, slack, active))
-            return StepResult(change, active, stationary, run.counted())
         count = math.prod(runs)
+        stacked = (
+            gradients.reshape(count, channels, n),
+            slack.reshape(count, channels - 1),
+            active.reshape(count, channels - 1),
+        )
+        if observe is None and self._direct is not None and count > 0:  # type: ignore[attr-defined]
+            change = np.empty((count, n))
+            if direct_step().move(*stacked, *self._direct, change):  # type: ignore[attr-defined]
+                counts = dict.fromkeys(_COUNTS, _nothing(runs))
+                return StepResult(change.reshape(*runs, n), active, np.zeros(runs, np.bool_), counts)
         run = _Run(self, observe, count)
-        stacked = gradients.reshape(count, channels, n), slack.reshape(count, -1), active.reshape(count, -1)
         change, stationary = run.step(run.admitted(*stacked))
-        counts = {name: counted.reshape(runs) for name, counted in run.counted().items()}
-        return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), counts)
+        found = {name: counted.reshape(runs) for name, counted in run.counted().items()}
+        return StepResult(change.reshape(*runs, n), active, stationary.reshape(runs), found)
 
     def _active(self, slack: np.ndarray, previous: ArrayLike | None) -> Bool[np.ndarray, "*runs m"]:
         """What the rule chooses, copied, since it may use its array again; what it is handed cannot be written to."""
@@ -254,7 +274,15 @@ class ConstrainedStep(ReadOnlyArrays):
 
 
 @cache
-def _nothing(runs: int) -> Int[np.ndarray, "B"]:
+def direct_step() -> Any:
+    """The module of the usual way; imports numba."""
+    from . import direct_step as compiled
+
+    return compiled
+
+
+@cache
+def _nothing(runs: tuple[int, ...]) -> Int[np.ndarray, "*runs"]:
     zeros = np.zeros(runs, np.int64)
     zeros.flags.writeable = False
     return zeros
@@ -280,7 +308,7 @@ class _Run:
 
     def counted(self) -> Mapping[str, Int[np.ndarray, "B"]]:
         """The counts, read only where all are 0."""
-        return dict.fromkeys(_COUNTS, _nothing(self.runs)) if self._counts is None else self._counts
+        return dict.fromkeys(_COUNTS, _nothing((self.runs,))) if self._counts is None else self._counts
 
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
         """The change of θ (B, n) and whether a run is stationary (B,)."""

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_FLOAT64 = np.dtype(np.float64)
+
 
 def real_values(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """`values` as float64, not copied if they are; a ValueError for what is no array of real numbers."""
@@ -27,6 +29,8 @@ def real_array(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.flo
 
 def finite_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """`real_array` without infinities."""
+    if (copied := finite_copy(values, ndim)) is not None:
+        return copied
     array = real_array(name, values, ndim)
     if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)][0]}")
@@ -45,6 +49,17 @@ def require_finite(name: str, array: NDArray[np.float64]) -> None:
     """ValueError for NaN and infinities."""
     if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
+
+
+def finite_copy(values: Any, ndim: int) -> NDArray[np.float64] | None:
+    """A read-only copy of an array of float64 with finite squares; None for all else, which takes longer to judge."""
+    if type(values) is not np.ndarray or values.dtype is not _FLOAT64 or values.ndim != ndim:
+        return None
+    array = values.copy()
+    if not math.isfinite(np.vdot(array, array)):
+        return None
+    array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
+    return array
 
 
 def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
-from ..vectors import is_long
 
 _STATUSES = tuple(Status)
 
@@ -33,13 +32,13 @@ def solve_single(
     kernel: Callable[..., tuple[int, int, float]], problem: DirectionProblem, tolerance: float
 ) -> Direction:
     """One problem by a kernel. Every microsecond here is a good part of the time of a whole solve."""
-    gradient, jacobian = problem.gradient, problem.jacobian
+    jacobian = problem.jacobian
     m, n = jacobian.shape
-    if is_long(m, n):  # arrays of the caller's, of any order
-        gradient, jacobian = np.ascontiguousarray(gradient), np.ascontiguousarray(jacobian)
     value, multipliers = np.empty(n), np.empty(m)
-    status, iterations, _ = kernel(gradient, jacobian, problem.bound, problem.equality, tolerance, value, multipliers)
-    return Direction(value, multipliers, _STATUSES[status], iterations, 0.0, None, "rows")
+    status, iterations, _ = kernel(
+        problem.gradient, jacobian, problem.bound, problem.equality, tolerance, value, multipliers
+    )
+    return Direction.found(value, multipliers, _STATUSES[status], iterations, "rows")
 
 
 def solve_stacked(

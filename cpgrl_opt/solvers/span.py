@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 
+import numpy as np
+
 from ..direction import Direction, Status
 from ..kkt import certified_residuals, kkt_residuals
 from ..problem import DirectionProblem, lengths
@@ -38,4 +40,5 @@ def solve_in_span(
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
             if small.holds(found.value, certificate, unit):
                 return answer
-    return solve(problem)
+    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
+    return solve(DirectionProblem.trusted(g, J, problem.bound, problem.equality))

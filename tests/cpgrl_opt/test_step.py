@@ -336,3 +336,29 @@ def test_thresholds_that_do_not_fit_are_refused():
         plain()(random_linearization(0), [0.0, 0.0])
     with pytest.raises(ValueError, match="thresholds should have no NaN"):
         plain()(random_linearization(0), [0.0, 0.0, np.nan])
+
+
+@pytest.mark.parametrize("solver", ["active-set", "rosen"])
+@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
+@pytest.mark.parametrize("runs", [(), (1,), (20,), (2, 3)])
+def test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way(runs, formulation, solver):
+    """An observer is told of each subproblem, which the one call does not do."""
+    rng = np.random.default_rng(5)
+    step = ConstrainedStep(solver=solver, formulation=formulation)
+    for trial in range(12):
+        m = 1 + trial % 4
+        gradients = rng.standard_normal((*runs, 1 + m, 7))
+        if trial % 3 == 1:
+            gradients[..., -1, :] = gradients[..., 1, :]  # rows that depend
+        if trial % 3 == 2:
+            gradients[..., 1, :] *= rng.choice([0.0, 1e-3, 1e200])  # flat or extreme rows
+        linearization = Linearization(0.1 * rng.standard_normal((*runs, 1 + m)), gradients)
+        direct = step(linearization, np.zeros(m))
+        watched = step(linearization, np.zeros(m), observe=lambda *_: None)
+        assert direct.change.tobytes() == watched.change.tobytes()
+        assert direct.change.shape == gradients.shape[:-2] + (7,)
+        assert (direct.stationary == watched.stationary).all()
+        assert direct.stationary.shape == runs
+        assert {name: count.tolist() for name, count in direct.counts.items()} == {
+            name: count.tolist() for name, count in watched.counts.items()
+        }

@@ -24,7 +24,7 @@ file:
     _second_thoughts    the few problems that this leaves open; the direction of least violation
 """
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,42 +37,6 @@ forget_outdated_kernels(Path(__file__).parent)
 from ._direct import OPEN, project_directly  # noqa: E402 - after the clearing of the cache
 
 
-def solve_cone(
-    gradient: Any,
-    jacobian: Any,
-    bound: Any,
-    equality: Any,
-    tolerance: float,
-    value_out: Any,
-    multipliers_out: Any,
-) -> tuple[int, int, float]:
-    """One problem with equalities and inequalities; see the package's head."""
-    return _solve_one(False, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out)
-
-
-def solve_tangent(
-    gradient: Any,
-    jacobian: Any,
-    bound: Any,
-    equality: Any,
-    tolerance: float,
-    value_out: Any,
-    multipliers_out: Any,
-) -> tuple[int, int, float]:
-    """One problem with equalities only; see the package's head."""
-    return _solve_one(True, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out)
-
-
-def solve_cone_batch(*arrays: Any) -> None:
-    """B problems, each exactly as `solve_cone` solves it; arguments as the package's head lists them."""
-    _solve_batch(False, *arrays)
-
-
-def solve_tangent_batch(*arrays: Any) -> None:
-    """B problems, each exactly as `solve_tangent` solves it; arguments as the package's head lists them."""
-    _solve_batch(True, *arrays)
-
-
 def _solve_one(
     tangent: bool,
     gradient: Any,
@@ -83,14 +47,28 @@ def _solve_one(
     value_out: Any,
     multipliers_out: Any,
 ) -> tuple[int, int, float]:
+    """One problem, with equalities only if tangent; see the package's head."""
     report = np.empty(3)
-    arrays = (gradient, jacobian, bound, equality)
-    project_directly(tangent, *arrays, tolerance, value_out, multipliers_out, report)
+    project_directly.run(tangent, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report)
     status, changes, worst = report.tolist()
     if status == OPEN:
-        [(answer, worst)] = _thorough()(tangent, *(array[None] for array in arrays), tolerance)
+        alone = (array[None] for array in (gradient, jacobian, bound, equality))
+        [(answer, worst)] = _thorough()(tangent, *alone, tolerance)
         status, value_out[:], multipliers_out[:], changes = answer
     return int(status), int(changes), worst
+
+
+solve_cone, solve_tangent = partial(_solve_one, False), partial(_solve_one, True)
+
+
+def solve_cone_batch(*arrays: Any) -> None:
+    """B problems, each exactly as `solve_cone` solves it; arguments as the package's head lists them."""
+    _solve_batch(False, *arrays)
+
+
+def solve_tangent_batch(*arrays: Any) -> None:
+    """B problems, each exactly as `solve_tangent` solves it; arguments as the package's head lists them."""
+    _solve_batch(True, *arrays)
 
 
 def _solve_batch(

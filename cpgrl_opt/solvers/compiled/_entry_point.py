@@ -48,12 +48,14 @@ class EntryPoint:
         self.function = function
         self.signature = signature
         self.calls_to_interpret, self.work_to_interpret = calls, work
+        self.run: Callable[..., None] = self  # machine code itself, once there is any: a frame less on the way
 
     @cached_property
     def machine_code(self) -> Any:
         """Compiled for the signature, or loaded from numba's disk cache; all calls go there from then on."""
         self.calls_to_interpret = 0
-        return compiled(self.signature, _twin(self.function), no_cfunc_wrapper=True)
+        self.run = compiled(self.signature, _twin(self.function), no_cfunc_wrapper=True)
+        return self.run
 
     def __call__(self, *arguments: Any) -> None:
         """In the form that suits the work so far."""
