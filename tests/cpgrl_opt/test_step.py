@@ -356,7 +356,7 @@ def test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way(runs,
         direct = step(linearization, np.zeros(m))
         watched = step(linearization, np.zeros(m), observe=lambda *_: None)
         assert direct.change.tobytes() == watched.change.tobytes()
-        assert direct.change.shape == gradients.shape[:-2] + (7,)
+        assert direct.change.shape == (*gradients.shape[:-2], 7)
         assert (direct.stationary == watched.stationary).all()
         assert direct.stationary.shape == runs
         assert {name: count.tolist() for name, count in direct.counts.items()} == {
