@@ -23,7 +23,9 @@ _project = project_directly.machine_code
 
 
 def _entry(function: Any) -> Any:
-    return compiled("boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, f8[:, ::1])", function)
+    return compiled(
+        "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, i8[::1], f8[:, ::1])", function
+    )
 
 
 @_entry
@@ -38,14 +40,14 @@ def move(
     restoration_rate: float,
     tolerance: float,
     relative: float,
+    flat: Any,
     change: Any,
 ) -> bool:
-    """change (B, n) ← α₁ s + αₑ v; False, and nothing that counts, where `step` has more to say about any run."""
+    """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run."""
     runs, channels, n = gradients.shape
     m = channels - 1
-    target, kept, flat = np.empty((runs, m)), np.empty((runs, m), np.bool_), np.empty(runs, np.int64)
-    any_flat, extreme = admit(gradients, slack, active, target, kept, flat)
-    if any_flat or extreme:
+    target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
+    if admit(gradients, slack, active, target, kept, flat)[1]:  # rows beyond 2^±400
         return False
     count = runs if restores_inside else 2 * runs
     g, J = np.empty((count, n)), np.empty((count, m, n))

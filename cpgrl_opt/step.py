@@ -245,9 +245,10 @@ class ConstrainedStep(ReadOnlyArrays):
             active.reshape(count, channels - 1),
         )
         if observe is None and self._direct is not None and count > 0:  # type: ignore[attr-defined]
-            change = np.empty((count, n))
-            if direct_step().move(*stacked, *self._direct, change):  # type: ignore[attr-defined]
+            change, flat = np.empty((count, n)), np.empty(count, np.int64)
+            if direct_step().move(*stacked, *self._direct, flat, change):  # type: ignore[attr-defined]
                 counts = dict.fromkeys(_COUNTS, _nothing(runs))
+                counts["flat"] = flat.reshape(runs)
                 return StepResult(change.reshape(*runs, n), active, np.zeros(runs, np.bool_), counts)
         run = _Run(self, observe, count)
         change, stationary = run.step(run.admitted(*stacked))
