@@ -18,9 +18,9 @@ from .problem import DirectionProblem, UnitRows, euclidean, lengths, unit_rows
 
 @dataclass(frozen=True, eq=False)
 class ExactTerms:
-    """Lengths where M = I: ‖r‖, ‖g‖, ‖d‖; slack (m,) of the unit rows; −inf bounds leave infinite slack."""
+    """Where M = I: r (n,), ‖g‖, ‖d‖, the unit rows and their slack (m,); −inf bounds leave infinite slack."""
 
-    residual: float
+    rest: Vector
     strength: float
     length: float
     rows: UnitRows
@@ -43,7 +43,7 @@ def exact_terms(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: fl
         length = float(np.sqrt(max(float(square.rounded().sum()), 0.0)))
         slack = _slack(problem, d)
         return ExactTerms(
-            float(lengths(whitening.gradient(residual))) if np.isfinite(residual).all() else np.inf,
+            whitening.gradient(residual),
             float(lengths(flat.gradient)),
             length,
             rows,

@@ -7,9 +7,9 @@ With unit rows Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖, μ̂ᵢ = μ�
     complementarity  max |min(μ̂ᵢ, Ĵᵢd − b̂ᵢ)| / σ  on I
     stationarity     (‖d − g − Jᵀμ‖ − min(8·eps·Σ|μ̂ᵢ|, 1e-5·σ))₊ / σ
 
-The allowance is for what μ itself, and the sum of such products, lose in float64. Where it reaches 1e-5·σ, with
-multipliers of 5e9·σ that all but cancel, the sum is formed in rational arithmetic: what rounding leaves of it could
-stand for any direction. With g = d = 0 there is no σ: primal is then infinite or 0, and the others are 0.
+The allowance is for what μ itself loses in float64. Where it exceeds 1e-13·σ, the rest is formed in twice the
+precision, and only its part in the span of the rows is allowed anything: see `stationarity`. With g = d = 0 there is no
+σ: primal is then infinite or 0, and the others are 0.
 
 In a metric M = LLᵀ all of it is measured where M = I: on Lᵀd, L⁻¹g and JL⁻ᵀ, with the same μ. Lengths of directions
 are then √(dᵀMd), those of gradients and rows √(gᵀM⁻¹g), whatever L and whatever the units of single parameters, and
@@ -33,7 +33,6 @@ convex. With one they are sufficient too, the problem being convex; but which of
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -42,6 +41,7 @@ from .arrays import Float, Mask, Multipliers, Vector
 from .direction import KKTResiduals as KKTResiduals
 from .exact_terms import exact_terms
 from .problem import DirectionProblem, euclidean, lengths, unit_rows
+from .stationarity import beyond_rounding, exact_rest
 from .units import in_units
 from .validation import real_values, require_shape
 from .vectors import Certificate, is_long
@@ -50,6 +50,9 @@ _EPS = float(np.finfo(np.float64).eps)
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
 _ROUNDED_GAIN = 8 * _EPS
 _SAFE_LENGTH = (1e-140, 1e140)  # of vectors whose squares neither over- nor underflow
+# Allowance from which on r is formed in twice the precision, and its part outside the span of the rows allowed nothing:
+# a tenth of the smallest tolerance that anybody asks for.
+_DOUBTFUL = 1e-13
 _ALLOWED = 1e-5  # most that rounding of μ is allowed of the stationarity, in its unit
 
 
@@ -89,7 +92,9 @@ def _long_residuals(problem: DirectionProblem, d: Vector, multipliers: Multiplie
     """In passes over the vectors as they are; as `_euclidean_residuals` where a square leaves float64."""
     lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, multipliers)
     sizes = [*lengths[lengths > 0.0], certificate.length or 1.0]
-    if not (_SAFE_LENGTH[0] < min(sizes) and max(sizes) < _SAFE_LENGTH[1]):
+    with np.errstate(over="ignore", invalid="ignore"):
+        allowance = 8 * _EPS * _total(multipliers * lengths[1:]) / (max(lengths[0], certificate.length) or 1.0)
+    if not (_SAFE_LENGTH[0] < min(sizes) and max(sizes) < _SAFE_LENGTH[1] and allowance < _DOUBTFUL):
         return _euclidean_residuals(problem, d, multipliers)
     lengths = np.where(np.append(True, problem.jacobian.any(axis=1)), lengths, 0.0)
     return certified_residuals(certificate, problem, multipliers, lengths)
@@ -114,7 +119,7 @@ def _euclidean_residuals(problem: DirectionProblem, d: Vector, multipliers: Mult
         rows.jacobian,
         (bound, mu),
         (d / unit, problem.gradient / unit),
-        lambda: _rest_in_rationals(problem, d, multipliers, 1.0, unit),
+        lambda: exact_rest(problem, d, multipliers, 1.0, unit),
     )
 
 
@@ -123,21 +128,24 @@ def _relative_residuals(
     jacobian: np.ndarray,
     bound_and_multipliers: tuple[Multipliers, Multipliers],
     d_and_gradient: tuple[Vector, Vector],
-    in_rationals: Callable[[], float],
+    in_pairs: Callable[[], Vector],
 ) -> KKTResiduals:
     sigma = max(_norm(each) for each in d_and_gradient)
     d, g = (each / sigma for each in d_and_gradient)
     bound, mu = (each / sigma for each in bound_and_multipliers)
     slack = jacobian @ d - bound
-    rest = _norm(d - g - mu @ jacobian) if 8 * _EPS * _total(mu) < _ALLOWED else in_rationals() / sigma
+    allowance = 8 * _EPS * _total(mu)
+    if allowance < _DOUBTFUL:
+        return _judged(slack, mu, max(_norm(d - g - mu @ jacobian) - allowance, 0.0), problem.equality)
+    rest = beyond_rounding(in_pairs() / sigma, jacobian[mu != 0.0], min(allowance, _ALLOWED))
     return _judged(slack, mu, rest, problem.equality)
 
 
-def _judged(slack: Multipliers, mu: Multipliers, rest: float, equality: Mask) -> KKTResiduals:
-    """Of Ĵd − b̂, μ̂ and ‖d − g − Jᵀμ‖, all in units of σ."""
+def _judged(slack: Multipliers, mu: Multipliers, stationarity: float, equality: Mask) -> KKTResiduals:
+    """Of Ĵd − b̂ and μ̂, in units of σ."""
     inequality = ~equality
     return KKTResiduals(
-        stationarity=max(rest - min(8 * _EPS * _total(mu), _ALLOWED), 0.0),
+        stationarity=stationarity,
         primal=_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))),
         dual=_largest(np.maximum(-mu[inequality], 0.0)),
         complementarity=_largest(np.abs(np.minimum(mu, slack))[inequality]),
@@ -164,9 +172,10 @@ def certified_residuals(
     with np.errstate(over="ignore", invalid="ignore"):
         mu = multipliers * rows / sigma
         slack = (certificate.products - problem.bound) / rows / sigma
-    if not 8 * _EPS * _total(mu) < _ALLOWED:
+    allowance = 8 * _EPS * _total(mu)
+    if not allowance < _ALLOWED:
         return _HOPELESS
-    return _judged(slack, mu, certificate.rest / sigma, problem.equality)
+    return _judged(slack, mu, max(certificate.rest / sigma - allowance, 0.0), problem.equality)
 
 
 def _residuals_in_geometry(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> KKTResiduals:
@@ -202,11 +211,17 @@ def _residuals_in_full_metric(problem: DirectionProblem, d: Vector, mu: Multipli
         gamma = exact.strength or max(_largest(np.abs(exact.rows.times_length(mu))), abs(kappa) * unit) or 1.0
         room, force = (problem.radius - exact.length) / unit, kappa / gamma * unit
     mu, slack = exact.rows.times_length(mu, gamma), exact.slack / unit
-    if not (np.isfinite(mu).all() and np.isfinite(exact.residual) and np.isfinite(force)):
+    if not (np.isfinite(mu).all() and np.isfinite(exact.rest).all() and np.isfinite(force)):
         return _HOPELESS
     allowance = min(8 * _EPS * (_total(mu) + abs(force)), _ALLOWED)
+    if allowance < _DOUBTFUL:
+        rest = max(_norm(exact.rest) / gamma - allowance, 0.0)
+    else:
+        whitened = problem.whitening.direction(d) if problem.whitening is not None else d
+        span = [exact.rows.jacobian[mu != 0.0], whitened / (_norm(whitened) or 1.0)]
+        rest = beyond_rounding(exact.rest / gamma, np.vstack(span if force != 0.0 else span[:1]), allowance)
     return KKTResiduals(
-        stationarity=max(exact.residual / gamma - allowance, 0.0),
+        stationarity=rest,
         primal=max(_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))), -room, 0.0),
         dual=max(_largest(np.maximum(-mu[inequality], 0.0)), -force, 0.0),
         complementarity=max(_largest(np.abs(np.minimum(mu, slack))[inequality]), abs(min(force, room))),
@@ -229,30 +244,19 @@ def _residuals_in_ball(
     if not (np.isfinite(mu).all() and np.isfinite(kappa) and np.isfinite(g).all() and np.isfinite(d).all()):
         return _HOPELESS
     inequality = ~problem.equality
-    rounding = 8 * _EPS * (_total(mu) + abs(kappa))
-    if rounding < _ALLOWED:
-        rest = _norm(kappa * d - g - mu @ rows.jacobian)
+    allowance = 8 * _EPS * (_total(mu) + abs(kappa))
+    if allowance < _DOUBTFUL:
+        rest = max(_norm(kappa * d - g - mu @ rows.jacobian) - allowance, 0.0)
     else:
-        rest = _rest_in_rationals(problem, direction, forces[0], forces[1], gamma)
+        span = np.vstack([rows.jacobian[mu != 0.0], d / (_norm(d) or 1.0) if kappa != 0.0 else 0.0 * d])
+        exact = exact_rest(problem, direction, forces[0], forces[1], gamma)
+        rest = beyond_rounding(exact, span, min(allowance, _ALLOWED))
     return KKTResiduals(
-        stationarity=max(rest - min(rounding, _ALLOWED), 0.0),
+        stationarity=rest,
         primal=max(_largest(np.where(inequality, np.maximum(-slack, 0.0), np.abs(slack))), -room, 0.0),
         dual=max(_largest(np.maximum(-mu[inequality], 0.0)), -kappa, 0.0),
         complementarity=max(_largest(np.abs(np.minimum(mu, slack))[inequality]), abs(min(kappa, room))),
     )
-
-
-def _rest_in_rationals(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, unit: float) -> float:
-    """‖κd − g − Jᵀμ‖ / unit without rounding until the end; for the few answers with multipliers beyond all measure."""
-    forces = [Fraction(each) for each in mu]
-    rest = []
-    for j in range(problem.n):
-        pulled = sum(force * Fraction(row[j]) for force, row in zip(forces, problem.jacobian, strict=True))
-        rest.append((Fraction(kappa) * Fraction(d[j]) - Fraction(problem.gradient[j]) - pulled) / Fraction(unit))
-    largest = max(map(abs, rest))
-    if largest >= 2**1000:
-        return math.inf
-    return _norm(np.array([float(each) for each in rest]))
 
 
 @dataclass(frozen=True, eq=False)

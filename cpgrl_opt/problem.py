@@ -321,7 +321,7 @@ def _radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
     return radii
 
 
-def _bounds(bound: Any, equality: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
     """b and E, of each row or one for all."""
     is_equality = (
         _spread(equality, shape) if type(equality) is bool else _of_each_row("equality", mask_array, equality, shape)
@@ -339,13 +339,15 @@ def _bounds(bound: Any, equality: Any, shape: tuple[int, ...]) -> tuple[np.ndarr
     return b, is_equality
 
 
-def _spread(value: float | bool, shape: tuple[int, ...]) -> np.ndarray:
+def _spread(value: float | bool, shape: tuple[Any, ...]) -> np.ndarray:
     """One value for all, quickly where it is 0: np.full takes as long as a solve."""
-    return np.zeros(shape, type(value)) if value == 0 else np.full(shape, value)
+    array = np.zeros(shape, type(value)) if value == 0 else np.full(shape, value)
+    array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
+    return array
 
 
 def _of_each_row(
-    name: str, checked: Callable[[str, ArrayLike], np.ndarray], values: ArrayLike, shape: tuple[int, ...]
+    name: str, checked: Callable[[str, ArrayLike], np.ndarray], values: ArrayLike, shape: tuple[Any, ...]
 ) -> np.ndarray:
     array = checked(name, values)
     array = np.full(shape, array) if array.ndim == 0 else array
@@ -377,7 +379,11 @@ class UnitRows:
     def times_length(self, values: Multipliers, scale: float = 1.0) -> Multipliers:
         """valuesᵢ · ‖Jᵢ‖ / scale, the division first."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            product = values * (self.largest / scale) * self.relative
+            ratio = self.largest / scale
+            product = values * ratio * self.relative
+            leaves = (values != 0) & ~((ratio > 1e-300) & (ratio < 1e300))
+            if leaves.any():  # 1e155 over 1e-155, which a tiny value makes 1 again
+                product = np.where(leaves, values / scale * self.largest * self.relative, product)
         return np.where(values == 0, 0.0, product)
 
 

@@ -158,5 +158,5 @@ def _pair(hi: np.ndarray) -> Pair:
     return Pair(hi, np.zeros_like(hi))
 
 
-def _zeros(shape: tuple[int, ...]) -> Pair:
+def _zeros(shape: tuple[Any, ...]) -> Pair:
     return Pair(np.zeros(shape), np.zeros(shape))

@@ -283,7 +283,7 @@ def direct_step() -> Any:
 
 
 @cache
-def _nothing(runs: tuple[int, ...]) -> Int[np.ndarray, "*runs"]:
+def _nothing(runs: tuple[Any, ...]) -> Int[np.ndarray, "*runs"]:
     zeros = np.zeros(runs, np.int64)
     zeros.flags.writeable = False
     return zeros

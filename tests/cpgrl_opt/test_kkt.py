@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpgrl_opt import Direction, DirectionProblem, Status, farkas_residual, kkt_residuals
+from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, farkas_residual, kkt_residuals
 
 PROBLEM = DirectionProblem([1.0, -2.0], [[0.0, 3.0], [2.0, 0.0]], bound=[0.0, -5.0])
 OPTIMUM = ([1.0, 0.0], [2.0 / 3.0, 0.0])  # g pushed along the first row until it no longer points down
@@ -133,3 +133,34 @@ def test_multipliers_that_cancel_to_rounding_certify_nothing(equality: bool, rad
 
 def answer(value: np.ndarray, multipliers: np.ndarray, radius_multiplier: float) -> Direction:
     return Direction(value, multipliers, Status.OPTIMAL, radius_multiplier=radius_multiplier)
+
+
+@pytest.mark.parametrize("geometry", ["none", "diagonal metric", "full metric", "ball"])
+@pytest.mark.parametrize("size", [1e6, 1e8, 1e10])
+def test_multipliers_that_cancel_excuse_no_error_outside_the_span_of_their_rows(size, geometry):
+    """μ = (size, size) on opposing rows cancels; d is off by 9e-6 at a right angle to both: rounding explains none."""
+    metric = {"diagonal metric": np.array([4.0, 1.0]), "full metric": np.array([[4.0, 0.0], [0.0, 1.0]])}.get(geometry)
+    radius, kappa = (1.0, 1.0) if geometry == "ball" else (None, 0.0)
+    problem = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]], 0.0, metric=metric, radius=radius)
+    wrong, right = np.array([9e-6, 1.0]) if geometry == "ball" else np.array([0.0, 1.000009]), np.array([0.0, 1.0])
+    mu = np.array([size, size])
+    if geometry != "ball":  # in a ball d is in the span, and its first part is one of the rows'
+        assert kkt_residuals(problem, answer(wrong, mu, kappa)).stationarity == pytest.approx(9e-6, rel=1e-3)
+    assert kkt_residuals(problem, answer(right, mu, kappa)).worst <= 1e-12
+
+
+def test_a_right_answer_whose_rounded_multipliers_leave_a_rest_in_the_span_is_certified():
+    """Rows 1e-9 rad from opposing, μ = 1e9: what the last digit of μ leaves, 1e-7, is along the rows."""
+    theta = 1e-9
+    rows = np.array([[1.0, 0.0, 0.0], [-np.cos(theta), np.sin(theta), 0.0]])
+    direction = SOLVERS["active-set"].solve(DirectionProblem([0.3, -1.0, 0.5], rows))
+    assert direction.status == Status.OPTIMAL
+    assert np.abs(direction.multipliers).max() > 1e8
+
+
+def test_the_referee_measures_where_length_over_unit_leaves_float64():
+    problem = DirectionProblem([-1e-155], [[1e155]])
+    direction = SOLVERS["active-set"].solve(problem)
+    assert direction.value == [0.0]
+    assert kkt_residuals(problem, direction).worst <= 1e-12
+    assert kkt_residuals(problem, answer(np.array([-1e-155]), np.zeros(1), 0.0)).primal == pytest.approx(1.0)
