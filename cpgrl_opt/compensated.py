@@ -50,6 +50,18 @@ class Pair(NamedTuple):
         rest = self.plus(Pair(-square, -error))
         return _normalised(first, rest.rounded() / (2.0 * first))
 
+    def sums(self) -> "Pair":
+        """Of each row, (k, n) → (k,); two halves of it added up at a time."""
+        hi, lo = self
+        while hi.shape[1] > 1:
+            half, is_odd = hi.shape[1] // 2, hi.shape[1] % 2
+            rest_hi, rest_lo = hi[:, 2 * half :], lo[:, 2 * half :]
+            total, error = two_sum(hi[:, :half], hi[:, half : 2 * half])
+            error += lo[:, :half] + lo[:, half : 2 * half]
+            hi = np.concatenate([total, rest_hi], axis=1) if is_odd else total
+            lo = np.concatenate([error, rest_lo], axis=1) if is_odd else error
+        return _normalised(hi[:, 0], lo[:, 0])
+
     def rounded(self) -> Float[np.ndarray, "*k"]:
         """hi + lo."""
         return np.asarray(self.hi + self.lo)
@@ -76,15 +88,7 @@ def two_product(
 
 def products(rows: Float[np.ndarray, "k n"], vector: Float[np.ndarray, "n"]) -> Pair:
     """Each row times the vector, (k,); summed in pairs."""
-    hi, lo = two_product(rows, vector)
-    while hi.shape[1] > 1:
-        half, is_odd = hi.shape[1] // 2, hi.shape[1] % 2
-        rest_hi, rest_lo = hi[:, 2 * half :], lo[:, 2 * half :]
-        total, error = two_sum(hi[:, :half], hi[:, half : 2 * half])
-        error += lo[:, :half] + lo[:, half : 2 * half]
-        hi = np.concatenate([total, rest_hi], axis=1) if is_odd else total
-        lo = np.concatenate([error, rest_lo], axis=1) if is_odd else error
-    return _normalised(hi[:, 0], lo[:, 0])
+    return Pair(*two_product(rows, vector)).sums()
 
 
 def _high_half(a: float | Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:

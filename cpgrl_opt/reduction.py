@@ -7,7 +7,10 @@ of V; and d = a g + Jᵀw with Lᵀ(w, a) = x, the only other place where the ve
 
 There are two rungs. "gramian": L in float64, where the rows that are on are well apart, ‖L⁻¹‖_F² ≤ 1e4 for unit rows,
 and g is not nearly in their span. "pairs": K, L and w with 106 bits, for all else. Rows at an angle θ from opposing
-lose 2⁻¹⁰⁰/θ² of K, so that L is exact to rounding down to θ = 1e-7.
+lose 2⁻¹⁰⁰/θ² of K, so that L is exact to rounding down to θ = 1e-7. Whoever solves the problem sees L in float64, which
+tilts such rows by eps/θ; his answer is mended by the equations of its active rows, in pairs:
+
+    K_A w = b_A,   w = (1, μ),   μ = 0 off A                     A: the rows with μ ≠ 0
 Source: Golub & Van Loan, Matrix Computations, §4.2 and §5.3; with pivoting: Higham 2002, §10.3.
 """
 
@@ -28,9 +31,14 @@ EXACT = 1e-12  # what the first rung adds to an answer at the most where its gat
 _APART = 1e4
 # g's squared distance from the rows' span, over g·g: PΔ¹ has no digit left where it is eps.
 _OUT_OF_SPAN = 1e-8
-# A row depends on others where no more of its square is left: 1e-13 of its length, as in the exact solver. K in pairs
-# leaves 2⁻¹⁰⁰ or so of exact dependence, and 2⁻⁹⁷/√p after a pivot p.
+# Rung 2: a row depends on others where no more of its square is left: 1e-13 of its length, as in the exact solver. K in
+# pairs leaves 2⁻¹⁰⁰ or so of exact dependence, and of g 2⁻⁹⁷/√p after a pivot p.
 _RANK, _ROUNDING = 1e-26, 2.0**-97
+# Rung 2 loses 2⁻¹⁰⁰ ‖L⁻¹‖_F² of an answer: 1e-12 here, with rows 3e-9 rad from opposing. At 1e-11 rad answers were off
+# by 1e-8, at 1e-13 by a quarter, and no referee sees it: rows so close hardly tell one direction from the other.
+_CLEAR = 1e-18
+# Where L of the rows that are named has no larger singular value, rows depend: 1e-9 where they stand clear, or eps.
+_DEPENDENT = 1e-12
 # Squared lengths beyond these leave float64, or lose digits as subnormal numbers.
 _LEAST, _MOST = 1e-280, 1e280
 
@@ -41,7 +49,7 @@ class Coordinates:
 
     scales: (1 + m,) powers of two, g's first, that leave the vectors ½ to 1 long; lengths: (1 + m,) of the vectors, 0
     where they are off; factor: L of the scaled vectors, (1 + m, k), in the order of g and the rows; basis: the rows
-    that span, in the order of their columns; rung: which of RUNGS.
+    that span, in the order of their columns; rung: which of RUNGS; gramian: K of the scaled vectors.
     """
 
     gradient: Float[np.ndarray, "k"]
@@ -51,6 +59,7 @@ class Coordinates:
     factor: Pair
     basis: Int[np.ndarray, "part"]
     rung: str
+    gramian: Pair
 
     def weights(self, x: Float[np.ndarray, "k"]) -> Pair:
         """(a, w) with a g + Jᵀw = Qᵀx, (1 + m,); a = 1 exactly where x keeps g's part outside the span of the rows."""
@@ -69,6 +78,27 @@ class Coordinates:
         weights.hi[0] = a
         return weights
 
+    def refine(self, multipliers: Float[np.ndarray, "m"], bound: Float[np.ndarray, "m"]) -> Pair:
+        """w = (1, μ) of the d on the face that the multipliers name, J_A d = b_A; by iterative refinement.
+
+        Each round leaves eps/θ of the error, at 1e-8 rad too: after three it is that of K.
+        """
+        named, weights = 1 + np.flatnonzero(multipliers), _zeros(self.scales.shape)
+        weights.hi[0] = 1.0
+        if not named.size:
+            return weights
+        U, S, _ = np.linalg.svd(self.factor.rounded()[named], full_matrices=False)
+        U, S = U[:, S > _DEPENDENT], S[S > _DEPENDENT]
+        K, scales, unit = _entries(self.gramian, *np.ix_(named, named)), self.scales[named], self.scales[0]
+        target = _pair(bound[named - 1] / scales / unit).plus(_entries(self.gramian, named, 0).times(-1.0))
+        w = _pair(multipliers[named - 1] * (scales / unit))
+        for _ in range(3):
+            left = target.plus(K.times_pair(Pair(-w.hi, -w.lo)).sums()).rounded()
+            w = w.plus(_pair(U @ (U.T @ left / S / S)))
+        for part, found in zip(weights, w, strict=True):
+            part[named] = found * (unit / scales)
+        return weights
+
     def holds(self, x: Float[np.ndarray, "k"], certificate: Certificate, unit: float) -> bool:
         """Whether J d and ‖d‖ of the vectors' own d are those of x to 1e-12 unit: what x proves, d proves too."""
         on = self.lengths[1:] > 0.0
@@ -77,8 +107,11 @@ class Coordinates:
         return bool(max(apart.max(initial=0.0), length) <= EXACT * unit)
 
 
-def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str) -> Coordinates | None:
-    """Of g and the rows that are on; None where the rung is not exact enough, or a square leaves float64."""
+def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear: float = _CLEAR) -> Coordinates | None:
+    """Of g and the rows that are on; None where the rung is not exact enough, or a square leaves float64.
+
+    clear: the least 1/‖L⁻¹‖_F² that "pairs" takes, L of rows that do not depend on each other.
+    """
     K = _pair(vectors.gramian()) if rung == "gramian" else vectors.gramian_in_pairs()
     scales, lengths = np.empty(len(K.hi)), np.empty(len(K.hi))
     if not _compiled().measure(K.hi, on, _LEAST, _MOST, scales, lengths):
@@ -86,12 +119,17 @@ def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str) -> Coord
     for i in np.flatnonzero(lengths == 0.0).tolist():
         if (i == 0 or on[i - 1]) and not vectors.is_zero(i):
             return None
-    found = (_factor if rung == "gramian" else _factor_in_pairs)(K, scales, lengths)
+    if rung == "gramian":
+        found = _factor(K, scales, lengths)
+    else:
+        exponents = np.frexp(0.5 * scales)[1]
+        K = Pair(*(np.ldexp(part, -exponents - exponents[:, None]) for part in K))
+        found = _factor_in_pairs(K, lengths, clear)
     if found is None:
         return None
     factor, basis = found
     L = scales[:, None] * factor.rounded()
-    return Coordinates(L[0], L[1:], scales, lengths, factor, basis, rung)
+    return Coordinates(L[0], L[1:], scales, lengths, factor, basis, rung, K)
 
 
 def _factor(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.ndarray] | None:
@@ -101,19 +139,26 @@ def _factor(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.
     return None if rank < 0 else (Pair(L, K.lo), basis[:rank])
 
 
-def _factor_in_pairs(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.ndarray]:
-    """L of the rows, the farthest from the span so far first, and then g; and the rows that span."""
-    exponents, rows = np.frexp(0.5 * scales)[1], [i for i in range(1, len(lengths)) if lengths[i] > 0.0]
-    K = Pair(*(np.ldexp(part, -exponents - exponents[:, None]) for part in K))
+def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float) -> tuple[Pair, np.ndarray] | None:
+    """L of the rows, the farthest from the span so far first, and then g; and the rows that span.
+
+    None where a row neither depends on the others nor stands clear of them, or ‖L⁻¹‖_F² exceeds 1/clear.
+    """
+    rows = [i for i in range(1, len(lengths)) if lengths[i] > 0.0]
     left, basis, factor, smallest = list(rows), list[int](), _zeros(K.hi.shape), 1.0
     while left:
         row = left[int(np.argmax(K.hi[left, left]))]
-        if not K.hi[row, row] > max(_RANK, _ROUNDING / np.sqrt(smallest)):
+        if not K.hi[row, row] > _RANK:
             break
+        if K.hi[row, row] < clear:
+            return None
         smallest = min(smallest, K.hi[row, row])
         K = _eliminate(K, row, factor, len(basis))
         left.remove(row)
         basis.append(row)
+    L = factor.rounded()[basis, : len(basis)]
+    if not np.square(np.linalg.inv(L)).sum() <= 1.0 / clear:  # what no pivot shows of many rows: Kahan's, for one
+        return None
     if K.hi[0, 0] > max(_RANK, _ROUNDING / np.sqrt(smallest)):
         _eliminate(K, 0, factor, len(basis))
     for part in factor:  # what rounding leaves of 0

@@ -13,6 +13,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch
 from ..settings import CheckedSettings
+from ..vectors import is_long
 from .geometry import takes_geometry
 from .interrupts import run_alone
 from .packages import require_import, require_package
@@ -76,7 +77,8 @@ class OSQPSession:
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; ValueError unless the problem has the session's shape."""
-        require_session_shape(problem, self.n, self.m)
+        if not (is_long(self.m, self.n) and problem.n == 1 + self.m):  # a long problem comes in its own coordinates
+            require_session_shape(problem, self.n, self.m)
         settings = self.settings
         return solve_prepared(problem, self._solve_reduced, tolerance=settings.tolerance, polish=settings.polish)
 

@@ -4,16 +4,18 @@ Each rung of `reduction` is tried in turn, and what it gives is judged on the ve
 is solved on the rows as they are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import inf
 
 import numpy as np
 
+from ..arrays import Multipliers
+from ..compensated import Pair
 from ..direction import Direction, Status
 from ..kkt import certified_residuals, kkt_residuals
 from ..problem import DirectionProblem, lengths
-from ..reduction import EXACT, RUNGS, coordinates
+from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
 
@@ -29,16 +31,25 @@ def solve_in_span(
             continue
         reduced = DirectionProblem.trusted(small.gradient, small.jacobian, problem.bound, problem.equality)
         found = solve(reduced)
-        value, certificate = vectors.combine(small.weights(found.value), found.multipliers)
-        answer = replace(found, value=value, rung=rung)
         if found.status == Status.OPTIMAL:
-            residuals = certified_residuals(certificate, problem, found.multipliers, small.lengths)
-            excess = residuals.worst - EXACT if rung == RUNGS[0] else 0.0
-            if residuals.worst <= tolerance and (excess <= 0.0 or excess <= kkt_residuals(reduced, found).worst):
-                return replace(answer, residuals=residuals)
+            for weights, multipliers in _recoveries(small, problem, found):
+                value, certificate = vectors.combine(weights, multipliers)
+                residuals = certified_residuals(certificate, problem, multipliers, small.lengths)
+                worst = residuals.worst
+                if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
+                    return replace(found, value=value, multipliers=multipliers, rung=rung, residuals=residuals)
         elif rung == RUNGS[-1] or found.status in _SETTLED:
+            value, certificate = vectors.combine(small.weights(found.value), found.multipliers)
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
             if small.holds(found.value, certificate, unit):
-                return answer
+                return replace(found, value=value, rung=rung)
     g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
     return solve(DirectionProblem.trusted(g, J, problem.bound, problem.equality))
+
+
+def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:
+    """Weights and multipliers: mended on the face that the answer names, where that is needed; and as they are."""
+    if small.rung == RUNGS[-1]:
+        weights = small.refine(found.multipliers, problem.bound)
+        yield weights, weights.hi[1:]
+    yield small.weights(found.value), found.multipliers
