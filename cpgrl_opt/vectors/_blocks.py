@@ -3,7 +3,8 @@
     gramian              K = V Vᵀ,  V = [g; J]
     gramian_in_pairs     the same with 106 bits: K = hi + lo
     combine              d = Vᵀw;  r = d − g − Jᵀμ;  r·r, J d, d·d
-    combine_in_pairs     d = Vᵀ(w + w′) summed with 106 bits and rounded once; the same measures
+    combine, in pairs    d = Vᵀ(w + w′) summed with 106 bits and rounded once; the same measures
+    combine_columns      as combine, where J lies column by column
     measure              the measures of a d that is there already
 
 Row 0 is g, row i is Jᵢ. Results are added to what the arrays hold, so that long vectors may come in chunks. Sums of a
@@ -86,52 +87,70 @@ def _six_inner(a: Any, b: Any, c: Any) -> Any:
 
 
 @_reordered
-def _add(x: Any, a: float, y: Any) -> None:
-    for t in range(x.shape[0]):
-        x[t] += a * y[t]
+def _three_inner(d: Any, x: Any, y: Any, z: Any) -> tuple[float, float, float]:
+    a, b, c = 0.0, 0.0, 0.0
+    for t in range(d.shape[0]):
+        a += d[t] * x[t]
+        b += d[t] * y[t]
+        c += d[t] * z[t]
+    return a, b, c
 
 
 @_reordered
-def _add_two(x: Any, a: float, y: Any, b: float, z: Any) -> None:
-    for t in range(x.shape[0]):
-        x[t] += a * y[t] + b * z[t]
+def _rest_and_length(d: Any, forced: Any) -> tuple[float, float]:
+    rest, length = 0.0, 0.0
+    for t in range(d.shape[0]):
+        rest += (d[t] - forced[t]) * (d[t] - forced[t])
+        length += d[t] * d[t]
+    return rest, length
+
+
+@_reordered
+def _add_three(first: Any, second: Any, a: Any, b: Any, c: Any, x: Any, y: Any, z: Any) -> None:
+    """first += a₀x + b₀y + c₀z, second += a₁x + b₁y + c₁z: each number loaded serves both."""
+    for t in range(first.shape[0]):
+        p, q, r = x[t], y[t], z[t]
+        first[t] += a[0] * p + b[0] * q + c[0] * r
+        second[t] += a[1] * p + b[1] * q + c[1] * r
 
 
 @_plain
-def _combine_block(x: Any, weights: Any, gradient: Any, jacobian: Any, start: int) -> None:
-    """x += Σ wᵢ rowᵢ; weight 0 is skipped."""
-    i, count, end = 0, weights.shape[0], start + x.shape[0]
-    while i < count:
-        j = i + 1
-        while j < count and weights[j] == 0.0:
-            j += 1
-        if weights[i] == 0.0:
-            i += 1
-        elif j < count:
-            _add_two(
-                x,
-                weights[i],
-                _row(gradient, jacobian, i, start, end),
-                weights[j],
-                _row(gradient, jacobian, j, start, end),
-            )
-            i = j + 1
-        else:
-            _add(x, weights[i], _row(gradient, jacobian, i, start, end))
-            i += 1
+def _chosen(weights: Any, forces: Any) -> Any:
+    """Rows of which a weight is not 0, and both weights, (count, 2); filled up to threes with weights of 0."""
+    rows, pairs, count = np.zeros(len(weights) + 2, np.int64), np.zeros((len(weights) + 2, 2)), 0
+    for i in range(len(weights)):
+        if weights[i] != 0.0 or forces[i] != 0.0:
+            rows[count], pairs[count, 0], pairs[count, 1] = i, weights[i], forces[i]
+            count += 1
+    rows[count:] = rows[max(count - 1, 0)]
+    return rows, pairs, count
 
 
 @_plain
-def _measure_block(d: Any, forces: Any, gradient: Any, jacobian: Any, start: int, rest: Any, sums: Any) -> None:
-    """sums += [r·r, J d …, d·d] of a block, r = d − Σ forcesᵢ rowᵢ."""
-    width, m = d.shape[0], jacobian.shape[0]
-    sums[1 + m] += _inner(d, d)
-    for i in range(m):
-        sums[1 + i] += _inner(jacobian[i, start : start + width], d)
-    for t in range(width):
-        rest[t] = d[t]
-    _combine_block(rest[:width], -forces, gradient, jacobian, start)
-    sums[0] += _inner(rest[:width], rest[:width])
+def _combine_block(d: Any, forced: Any, chosen: Any, gradient: Any, jacobian: Any, start: int) -> None:
+    """d += Σ weightsᵢ rowᵢ, forced += Σ forcesᵢ rowᵢ."""
+    rows, pairs, count = chosen
+    end = start + d.shape[0]
+    for i in range(0, count, 3):
+        x = _row(gradient, jacobian, rows[i], start, end)
+        y = _row(gradient, jacobian, rows[i + 1], start, end)
+        z = _row(gradient, jacobian, rows[i + 2], start, end)
+        a, b, c = pairs[i], pairs[i + 1], pairs[i + 2]
+        _add_three(d, forced, (a[0], a[1]), (b[0], b[1]), (c[0], c[1]), x, y, z)
+
+
+@_plain
+def _measure_block(d: Any, forced: Any, jacobian: Any, start: int, sums: Any) -> None:
+    """sums += [r·r, J d …, d·d] of a block, r = d − forced."""
+    m, end = jacobian.shape[0], start + d.shape[0]
+    for i in range(0, m, 3):
+        x, y = jacobian[i, start:end], jacobian[min(i + 1, m - 1), start:end]
+        products = _three_inner(d, x, y, jacobian[min(i + 2, m - 1), start:end])
+        for k in range(min(3, m - i)):
+            sums[1 + i + k] += products[k]
+    rest, length = _rest_and_length(d, forced)
+    sums[0] += rest
+    sums[1 + m] += length
 
 
 @_entry(_VECTOR, _ROWS, "f8[:, ::1]")
@@ -249,39 +268,78 @@ def _combine_block_in_pairs(
 def combine(
     gradient: Any, jacobian: Any, weights: Any, more: Any, forces: Any, pairs: bool, out: Any, sums: Any
 ) -> None:
-    rest, left, halves = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((2, _BLOCK))
+    forced, left, halves = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((2, _BLOCK))
+    chosen = _chosen(np.zeros_like(weights) if pairs else weights, forces)
     for start in range(0, gradient.shape[0], _BLOCK):
         d = out[start : min(start + _BLOCK, gradient.shape[0])]
         width = d.shape[0]
         d[:] = 0.0
+        forced[:width] = 0.0
         if pairs:
             left[:width] = 0.0
             _combine_block_in_pairs(weights, more, gradient, jacobian, start, halves, d, left[:width])
             for t in range(width):
                 d[t] += left[t]
-        else:
-            _combine_block(d, weights, gradient, jacobian, start)
-        _measure_block(d, forces, gradient, jacobian, start, rest, sums)
+        _combine_block(d, forced[:width], chosen, gradient, jacobian, start)
+        _measure_block(d, forced[:width], jacobian, start, sums)
 
 
 @_entry(_VECTOR, _ROWS, _VECTOR, _VECTOR, "f8[::1]")
 def measure(gradient: Any, jacobian: Any, direction: Any, forces: Any, sums: Any) -> None:
     """sums += [r·r, J d …, d·d]."""
-    rest = np.empty(_BLOCK)
+    forced, chosen = np.empty(_BLOCK), _chosen(forces, forces)
+    unused = np.empty(_BLOCK)
     for start in range(0, gradient.shape[0], _BLOCK):
         d = direction[start : min(start + _BLOCK, gradient.shape[0])]
-        _measure_block(d, forces, gradient, jacobian, start, rest, sums)
+        width = d.shape[0]
+        forced[:width], unused[:width] = 0.0, 0.0
+        _combine_block(unused[:width], forced[:width], chosen, gradient, jacobian, start)
+        _measure_block(d, forced[:width], jacobian, start, sums)
 
 
-@_entry("Array(f8, 2, 'A', readonly=True)", "f8[:, ::1]")
-def pack(rows: Any, out: Any) -> None:
-    """Copies rows of any strides; down the columns where these are contiguous."""
-    m, n = rows.shape
-    if rows.strides[0] * rows.strides[0] < rows.strides[1] * rows.strides[1]:
-        for t in range(n):
-            for i in range(m):
-                out[i, t] = rows[i, t]
-    else:
+@_reordered
+def _combine_columns_block(
+    gradient: Any, columns: Any, weights: Any, forces: Any, start: int, out: Any, sums: Any
+) -> None:
+    m, rest, length = columns.shape[1], 0.0, 0.0
+    products, more, pulls = np.zeros(m), weights[1:], forces[1:]
+    for t in range(out.shape[0]):
+        column = columns[start + t]
+        d, forced = weights[0] * gradient[start + t], forces[0] * gradient[start + t]
         for i in range(m):
-            for t in range(n):
-                out[i, t] = rows[i, t]
+            d += more[i] * column[i]
+            forced += pulls[i] * column[i]
+        for i in range(m):
+            products[i] += d * column[i]
+        out[t] = d
+        rest += (d - forced) * (d - forced)
+        length += d * d
+    sums[0] += rest
+    sums[1 + m] += length
+    for i in range(m):
+        sums[1 + i] += products[i]
+
+
+@_entry(_VECTOR, _ROWS, _VECTOR, _VECTOR, "f8[::1]", "f8[::1]")
+def combine_columns(gradient: Any, columns: Any, weights: Any, forces: Any, out: Any, sums: Any) -> None:
+    """`combine` without pairs, of Jᵀ (n, m): to gather its rows first takes as long again."""
+    for start in range(0, gradient.shape[0], _BLOCK):
+        d = out[start : min(start + _BLOCK, gradient.shape[0])]
+        _combine_columns_block(gradient, columns, weights, forces, start, d, sums)
+
+
+@_entry("Array(f8, 1, 'A', readonly=True)", "Array(f8, 2, 'A', readonly=True)", "i8", "f8[:, ::1]")
+def pack(gradient: Any, jacobian: Any, start: int, out: Any) -> None:
+    """Copies columns from `start` on, of any strides; down the columns where these are contiguous."""
+    count, width = out.shape
+    for t in range(width):
+        out[0, t] = gradient[start + t]
+    part = jacobian[:, start : start + width]
+    if part.strides[0] * part.strides[0] < part.strides[1] * part.strides[1]:
+        for t in range(width):
+            for i in range(1, count):
+                out[i, t] = part[i - 1, t]
+    else:
+        for i in range(1, count):
+            for t in range(width):
+                out[i, t] = part[i - 1, t]

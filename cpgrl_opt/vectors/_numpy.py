@@ -12,9 +12,10 @@ from ..compensated import Pair
 from ..validation import is_finite
 from .interface import Certificate
 
-# Columns copied at a time where rows are not contiguous: 64 KB a row, small beside any vector for which this matters,
-# and large enough that Python's loop does not count.
-_CHUNK = 8192
+# Numbers copied at a time where rows are not contiguous: they fit the second-level cache, where the passes find them
+# again. Rows of them begin an odd number of cache lines apart: with a power of two all rows compete for the same few
+# lines of the first-level cache, and 31 rows take four times as long.
+_CHUNK, _LINE, _FEWEST = 50_000, 8, 17
 
 
 # Products in the Gramian below which to solve on the rows themselves is faster than Python's part of a reduction, which
@@ -77,7 +78,10 @@ class ArrayVectors:
     def combine(self, weights: Pair, multipliers: Multipliers) -> tuple[Vector, Certificate]:
         """d of float64, in one pass with its certificate."""
         d, sums, forces = np.empty(self.gradient.shape), np.zeros(2 + len(multipliers)), np.append(1.0, multipliers)
-        in_pairs = bool(weights.lo.any())
+        in_pairs, g, J = bool(weights.lo.any()), self.gradient, self.jacobian
+        if J.T.flags.c_contiguous and not J.flags.c_contiguous and g.flags.c_contiguous and not in_pairs:
+            _blocks().combine_columns(g, J.T, weights.hi, forces, d, sums)
+            return d, _certificate(sums)
         for gradient, jacobian, columns in self._chunks():
             _blocks().combine(gradient, jacobian, weights.hi, weights.lo, forces, in_pairs, d[columns], sums)
         return d, _certificate(sums)
@@ -98,14 +102,13 @@ class ArrayVectors:
         if g.flags.c_contiguous and J.flags.c_contiguous:
             yield g, J, slice(0, n)
             return
-        buffer = np.empty((1 + len(J), min(_CHUNK, n)))
-        for start in range(0, n, _CHUNK):
-            columns = slice(start, min(start + _CHUNK, n))
-            width = columns.stop - start
-            part = buffer if width == _CHUNK else np.empty((1 + len(J), width))
-            _blocks().pack(g[None, columns], part[:1])
-            _blocks().pack(J[:, columns], part[1:])
-            yield part[0], part[1:], columns
+        lines = max(_CHUNK // (1 + len(J)) // _LINE, _FEWEST)  # of a row at a time
+        size = (lines - 1 + lines % 2) * _LINE
+        buffer = np.empty((1 + len(J), min(size, n)))
+        for start in range(0, n, size):
+            part = buffer if start + size <= n else np.empty((1 + len(J), n - start))
+            _blocks().pack(g, J, start, part)
+            yield part[0], part[1:], slice(start, start + part.shape[1])
 
 
 def _certificate(sums: np.ndarray) -> Certificate:

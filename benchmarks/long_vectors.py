@@ -1,0 +1,418 @@
+"""How long does a direction take at the size of a network, and how much memory?
+
+    floor: A @ A.T, w @ A, J @ d      A = [g; J], (1 + m, n); the three products that a direction needs, by BLAS
+
+Everything is measured in turns with this floor, in one process, and given as a ratio to it:
+
+- direction: a `DirectionProblem` made of arrays, solved by `active-set` and certified;
+- (n, m) storage, rows apart: the same, where J lies column by column, or is a list of m arrays;
+- equality, restoring: a `ConstrainedStep` on a `Linearization`, all constraints violated;
+- residuals: `kkt_residuals` of a direction;
+- near opposing: a direction where the last row is 1e-5 rad from opposing the one before (g, where m = 1).
+
+Accuracy beside time: the worst KKT residual; of a step how far J Δθ is from −αₑ slack, in units of ‖Jᵢ‖‖Δθ‖.
+
+    slope in n    log(t₂/t₁) / log(n₂/n₁) of a direction, from the least n to the largest; 1: time grows as n does
+    slope in m    log(t₂/t₁) / log(m₂/m₁), from the least m to the largest at n = 10⁶; 2: as the Gramian does
+    untouched     share of a direction's time at n = 10⁶ that is left where the passes over the vectors give again
+                  what they gave before, without a look at them
+    memory        what construction and solve add to the most memory that a new process ever held (ru_maxrss), as a
+                  share of g and J; the direction itself is 1/(1 + m) of these
+
+    OMP_NUM_THREADS=1 python benchmarks/long_vectors.py [--parameters 100000,1000000,10000000]
+        [--constraints 1,5,31,50] [--out benchmarks/results]
+
+Where TorchJD is installed its DualProj stands beside `active-set`, on six rows and their mean.
+Limitations: one machine, whatever else it does at the time; CPU seconds, medians. Gradients are standard normal
+numbers, so rows are nearly orthogonal; half of the bounds of a direction hold with equality. What has more numbers than
+--most is left out.
+"""
+
+import argparse
+import csv
+import json
+import math
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, kkt_residuals
+from cpgrl_opt.vectors import _numpy as array_vectors
+
+DIRECTION, FORMS = "direction", ("(n, m) storage", "rows apart")
+STEPS, RESIDUALS, OPPOSING = ("equality", "restoring"), "residuals", "near opposing"
+WORKS = (DIRECTION, *FORMS, *STEPS, RESIDUALS, OPPOSING)
+BARS = {DIRECTION: 0.8, **dict.fromkeys((*FORMS, *STEPS), 1.0)}  # of the floor, at n = 10⁶ and m = 5
+REFERENCE, SLACK_OF_MEMORY = 1_000_000, 0.05
+SOLVER = SOLVERS["active-set"]
+ANGLE = 1e-5  # rad
+
+
+@dataclass(frozen=True)
+class Row:
+    """One work at one size; milliseconds are medians, the floor's of the same turns."""
+
+    work: str
+    n: int
+    m: int
+    milliseconds: float
+    floor_milliseconds: float
+    ratio: float
+    rung: str  # "" of a step and of residuals, which do not say
+    error: float
+    failed: int
+    repeats: int
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Most memory that construction and solve of one new process add, and its share of g and J."""
+
+    n: int
+    m: int
+    rung: str
+    megabytes: float
+    share: float
+    bar: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a work returned: the rung that answered, its error, and whether it failed."""
+
+    rung: str
+    error: float
+    failed: bool
+
+
+@dataclass(frozen=True)
+class Data:
+    """g and J as rows of A; bounds of a direction; average rewards, all below 0, of a step."""
+
+    gradients: np.ndarray
+    bound: np.ndarray
+    values: np.ndarray
+
+    @property
+    def g(self) -> np.ndarray:
+        """Row 0."""
+        return self.gradients[0]
+
+    @property
+    def J(self) -> np.ndarray:
+        """The other rows."""
+        return self.gradients[1:]
+
+
+def drawn(n: int, m: int) -> Data:
+    """Standard normal rows; bounds of a tenth of their length, which half of them exceed."""
+    rng = np.random.default_rng([n, m])
+    A = np.empty((1 + m, n))
+    for row in A:
+        rng.standard_normal(out=row)
+    return Data(A, 0.1 * math.sqrt(n) * rng.standard_normal(m), -rng.uniform(0.5, 1.0, 1 + m))
+
+
+def oppose(A: np.ndarray) -> None:
+    """The last row ← minus the one before it, turned by `ANGLE` towards what it was; by blocks, without a copy."""
+    for start in range(0, A.shape[1], 10_000):
+        block = A[:, start : start + 10_000]
+        block[-1] = ANGLE * block[-1] - block[-2]
+
+
+def direction(g: np.ndarray, J: np.ndarray | list[np.ndarray], bound: np.ndarray | float) -> tuple[Any, Any]:
+    """Construction, solve and certificate."""
+    problem = DirectionProblem(g, J, bound)
+    return problem, SOLVER.solve(problem)
+
+
+def judged(problem: DirectionProblem, found: Any) -> Answer:
+    """By the residuals measured anew."""
+    return Answer(found.rung, kkt_residuals(problem, found).worst, found.status != Status.OPTIMAL)
+
+
+def judged_step(data: Data, step: ConstrainedStep, result: Any) -> Answer:
+    """Δθ should restore: J Δθ = −αₑ slack, or exceed it in `restoring`."""
+    lack = -float(step.restoration_rate) * data.values[1:] - data.J @ result.change
+    lack = np.abs(lack) if step.formulation == "equality" else np.maximum(lack, 0.0)
+    size = np.sqrt(np.vecdot(data.J, data.J)) * np.linalg.norm(result.change)
+    return Answer("", float((lack / size).max()), bool(result.counts["skipped"] + result.counts["fallback"]))
+
+
+def works(data: Data) -> Iterator[tuple[str, Callable[[], Any], Callable[[Any], Answer]]]:
+    """(name, what is timed, how its result is judged), one after the other, so that copies of J do not add up."""
+    m, thresholds = len(data.J), np.zeros(len(data.J))
+
+    def judge(pair: tuple[Any, Any]) -> Answer:
+        return judged(*pair)
+
+    yield DIRECTION, partial(direction, data.g, data.J, data.bound), judge
+    problem, found = direction(data.g, data.J, data.bound)
+    yield RESIDUALS, lambda: kkt_residuals(problem, found), lambda residuals: Answer("", residuals.worst, False)
+    for formulation in STEPS:
+        step = ConstrainedStep(formulation=formulation)
+        yield (
+            formulation,
+            lambda step=step: step(Linearization(data.values, data.gradients), thresholds),  # type: ignore[misc]
+            lambda result, step=step: judged_step(data, step, result),  # type: ignore[misc]
+        )
+    yield FORMS[0], partial(direction, data.g, np.asfortranarray(data.J), data.bound), judge
+    yield FORMS[1], partial(direction, data.g, [row.copy() for row in data.J], data.bound), judge
+    oppose(data.gradients)
+    yield OPPOSING, partial(direction, data.g, data.J, np.zeros(m)), judge
+
+
+def measure(n: int, m: int, scale: float) -> list[Row]:
+    """Every work at one size, each in turns with the floor."""
+    data, rng = drawn(n, m), np.random.default_rng(0)
+    w, d, repeats = rng.standard_normal(1 + m), rng.standard_normal(n), repeats_of(n, m, scale)
+
+    def floor() -> None:
+        _ = data.gradients @ data.gradients.T, w @ data.gradients, data.J @ d
+
+    rows = []
+    for work, run, judge in works(data):
+        beside, ours, result = in_turns(floor, run, repeats)
+        answer, times = judge(result), (1e3 * ours, 1e3 * beside)
+        rows.append(Row(work, n, m, *times, ours / beside, answer.rung, answer.error, answer.failed, repeats))
+    return rows
+
+
+def in_turns(floor: Callable[[], Any], run: Callable[[], Any], repeats: int) -> tuple[float, float, Any]:
+    """Median CPU seconds of each, and what the second returned last; one more turn goes before, uncounted."""
+    times: list[tuple[float, float]] = []
+    result = None
+    for _ in range(1 + repeats):
+        result = None  # two directions at once are no part of the work
+        start = time.process_time()
+        floor()
+        middle = time.process_time()
+        result = run()
+        times.append((middle - start, time.process_time() - middle))
+    beside, ours = (statistics.median(turn[k] for turn in times[1:]) for k in (0, 1))
+    return beside, ours, result
+
+
+def repeats_of(n: int, m: int, scale: float) -> int:
+    """Fewer of what takes long: 25 down to 3, times the scale."""
+    return max(1, round(scale * max(3, min(25, 300_000_000 // (n * (1 + m))))))
+
+
+class Memoir:
+    """The compiled passes, which give again what they gave first; `combine` leaves d as it finds it."""
+
+    def __init__(self) -> None:
+        self.passes, self.known = array_vectors._blocks(), dict[str, np.ndarray]()
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        def again(*arguments: Any) -> None:
+            if name not in self.known:
+                getattr(self.passes, name)(*arguments)
+                self.known[name] = arguments[-1].copy()
+            arguments[-1][:] = self.known[name]
+
+        return again
+
+
+def untouched_share(n: int, m: int, scale: float) -> float:
+    """Of a direction's time; NaN where no rung looks at vectors by these passes."""
+    data, memoir = drawn(n, m), Memoir()
+
+    def run() -> Any:
+        return direction(data.g, data.J, data.bound)
+
+    def without_vectors() -> Any:
+        with patch.object(array_vectors, "_blocks", lambda: memoir):
+            return run()
+
+    whole, rest, _ = in_turns(run, without_vectors, repeats_of(n, m, scale))
+    return rest / whole if memoir.known else math.nan
+
+
+def peak() -> float:
+    """Most memory that this process held so far, in bytes."""
+    import resource  # not on Windows
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def memory_here(n: int, m: int, rung: str) -> Memory:
+    """Of this process, which should be new: a short problem loads all code before."""
+    short = drawn(max(8 * (1 + m), 1_100_000 // (1 + m) ** 2), m)
+    data = drawn(n, m)
+    for each in (short, data):
+        if rung == "pairs":
+            oppose(each.gradients)
+            each.bound[:] = 0.0
+    direction(short.g, short.J, short.bound)
+    before = peak()
+    _, found = direction(data.g, data.J, data.bound)
+    added = peak() - before
+    return Memory(n, m, found.rung, 1e-6 * added, added / data.gradients.nbytes, 1 / (1 + m) + SLACK_OF_MEMORY)
+
+
+def memory(n: int, m: int, rung: str) -> Memory:
+    """Of a new process."""
+    command = [sys.executable, str(Path(__file__).resolve()), "--memory-of", f"{n},{m},{rung}"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    said = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+    return Memory(**json.loads(said))
+
+
+def beside_torchjd(parameters: Sequence[int], scale: float) -> list[Row]:
+    """Six rows and their mean, DualProj in place of the floor; none where TorchJD is not installed."""
+    try:
+        import torch  # type: ignore[import-not-found,unused-ignore]
+        from torchjd.aggregation import DualProj  # type: ignore[import-not-found,unused-ignore]
+    except ImportError:
+        return []
+    torch.set_num_threads(1)
+    rows = []
+    for n in parameters:
+        J = drawn(n, 5).gradients
+        for kind in (torch.float64, torch.float32):
+            tensor, project = torch.from_numpy(J).to(kind), DualProj()
+            theirs, ours, (problem, found) = in_turns(
+                lambda: project(tensor),  # noqa: B023
+                lambda: direction(J.mean(axis=0), J, 0.0),  # noqa: B023
+                repeats_of(n, 5, scale),
+            )
+            answer, work = judged(problem, found), f"six rows, beside DualProj in {str(kind).removeprefix('torch.')}"
+            times = 1e3 * ours, 1e3 * theirs, ours / theirs
+            rows.append(Row(work, n, 6, *times, answer.rung, answer.error, answer.failed, repeats_of(n, 5, scale)))
+    return rows
+
+
+def slope(first: tuple[float, float], last: tuple[float, float]) -> float:
+    """log(t₂/t₁) / log(x₂/x₁) of two (x, t)."""
+    return math.log(last[1] / first[1]) / math.log(last[0] / first[0]) if last[0] > first[0] else math.nan
+
+
+def verdicts(
+    rows: Sequence[Row], shares: dict[int, float], memories: Sequence[Memory]
+) -> list[tuple[str, str, float, bool]]:
+    """(what, bar, measured, whether it is kept)."""
+    found = []
+    for row in rows:
+        if row.n == REFERENCE and row.m == 5 and row.work in BARS:
+            bar = BARS[row.work]
+            found.append((f"{row.work}, n = {row.n:.0e}, m = 5", f"≤ {bar:g}", row.ratio, row.ratio <= bar))
+    plain = [row for row in rows if row.work == DIRECTION]
+    for m in sorted({row.m for row in plain}):
+        points = sorted((float(row.n), row.milliseconds) for row in plain if row.m == m)
+        if not math.isnan(rate := slope(points[0], points[-1])):
+            ends = f"{points[0][0]:.0e} to {points[-1][0]:.0e}"
+            found.append((f"slope in n, {ends}, m = {m}", "1 ± 0.1", rate, abs(rate - 1) <= 0.1))
+    points = sorted((float(row.m), row.milliseconds) for row in plain if row.n == REFERENCE)
+    if points and not math.isnan(rate := slope(points[0], points[-1])):
+        ends = f"{points[0][0]:g} to {points[-1][0]:g}"
+        found.append((f"slope in m, {ends}, n = {REFERENCE:.0e}", "≤ 2", rate, rate <= 2))
+    for m, share in shares.items():
+        found.append((f"untouched, n = {REFERENCE:.0e}, m = {m}", "≤ 0.05", share, share <= 0.05))
+    for each in memories:
+        what = f"memory, n = {each.n:.0e}, m = {each.m}, {each.rung}"
+        found.append((what, f"≤ {each.bar:.3f}", each.share, each.share <= each.bar))
+    return found
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Markdown: a line for each size, ratios to the floor by work."""
+    lines = [
+        f"| n | m | floor, ms | {DIRECTION}, ms | {' | '.join(WORKS)} | rungs | worst error |",
+        f"|--:|--:|--:|--:|{'--:|' * len(WORKS)}---|--:|",
+    ]
+    for n, m in dict.fromkeys((row.n, row.m) for row in rows):
+        by_work = {row.work: row for row in rows if (row.n, row.m) == (n, m)}
+        one, ratios = by_work[DIRECTION], " | ".join(f"{by_work[work].ratio:.2f}" for work in WORKS)
+        lines.append(
+            f"| {n:.0e} | {m} | {one.floor_milliseconds:.3g} | {one.milliseconds:.3g} | {ratios} | "
+            f"{one.rung}; {by_work[OPPOSING].rung} | {max(row.error for row in by_work.values()):.0e} |"
+        )
+    return "\n".join(lines)
+
+
+def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float, bool]]) -> str:
+    """The tables with what they were measured on."""
+    import numba
+
+    threads = os.environ.get("OMP_NUM_THREADS")
+    said = "one thread" if threads == "1" else f"**OMP_NUM_THREADS is {threads}, so the floor may use several threads**"
+    torchjd = "\n".join(
+        f"- {row.work}, n = {row.n:.0e}: {row.milliseconds:.3g} ms beside {row.floor_milliseconds:.3g} ms, "
+        f"{row.ratio:.2f} ×"
+        for row in beside
+    )
+    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
+    failures = f"{sum(row.failed for row in (*rows, *beside))} of {len(rows) + len(beside)}"
+    kept = "\n".join(
+        f"| {what} | {bar} | {value:.3g} | {'kept' if is_kept else 'missed'} |" for what, bar, value, is_kept in judged
+    )
+    return (
+        "# Directions at the size of a network\n\nCPU time over that of `A @ A.T`, `w @ A` and `J @ d`, in turns with "
+        f"these; medians; {said}. Rungs: of the direction; of rows near opposing. Failures: {failures}.\n\n"
+        f"{table(rows)}\n\n| | bar | measured | |\n|---|--:|--:|---|\n{kept}\n\n"
+        f"Beside TorchJD: {(torchjd and chr(10) + chr(10) + torchjd) or '– (not installed)'}\n\n"
+        f"{os.cpu_count()} cores, {platform.machine()} {platform.system()}; {versions}. "
+        "Command: `OMP_NUM_THREADS=1 python benchmarks/long_vectors.py --out benchmarks/results`; what is measured, "
+        "and limitations, at its head.\n"
+    )
+
+
+def write(path: Path, kind: type, rows: Sequence[Any]) -> None:
+    """A csv file."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=[each.name for each in fields(kind)], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+
+
+def numbers(text: str) -> list[int]:
+    """Of a list separated by commas."""
+    return [int(float(each)) for each in text.split(",") if each]
+
+
+def main() -> None:
+    """Measure, print, and write when asked to."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--parameters", type=numbers, default=[100_000, 1_000_000, 10_000_000], help="n, by commas")
+    parser.add_argument("--constraints", type=numbers, default=[1, 5, 31, 50], help="m, by commas")
+    parser.add_argument("--most", type=float, default=3.3e8, help="numbers in g and J: 2.6 GB, held three times over")
+    parser.add_argument("--scale", type=float, default=1.0, help="times the usual number of repeats (1: some minutes)")
+    parser.add_argument("--memory-parameters", type=int, default=10_000_000, help="n of what memory is measured of")
+    parser.add_argument("--memory-of", help=argparse.SUPPRESS)  # n,m,rung in this process
+    parser.add_argument("--out", type=Path, help="folder for long_vectors.csv, long_vectors_memory.csv and .md")
+    arguments = parser.parse_args()
+    if arguments.memory_of:
+        n, m, rung = arguments.memory_of.split(",")
+        print(json.dumps(asdict(memory_here(int(n), int(m), rung))))
+        return
+    if os.environ.get("OMP_NUM_THREADS") != "1":
+        print("OMP_NUM_THREADS should be 1 before Python starts: BLAS may use several threads", file=sys.stderr)
+    sizes = [(n, m) for n in arguments.parameters for m in arguments.constraints if n * (1 + m) <= arguments.most]
+    at_memory = [m for m in (1, 5, 31) if m in arguments.constraints]
+    memories = [memory(arguments.memory_parameters, m, rung) for rung in ("gramian", "pairs") for m in at_memory]
+    rows = [row for n, m in sizes for row in measure(n, m, arguments.scale)]
+    shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
+    beside = beside_torchjd([n for n in (1_000, 100_000, 1_000_000) if n <= max(arguments.parameters)], arguments.scale)
+    said = page(rows, beside, verdicts(rows, shares, memories))
+    print(said)
+    if arguments.out:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        (arguments.out / "long_vectors.md").write_text(said, encoding="utf-8")
+        write(arguments.out / "long_vectors.csv", Row, [*rows, *beside])
+        write(arguments.out / "long_vectors_memory.csv", Memory, memories)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""The compiled passes over long vectors: of small integers every sum is exact, in any order and any storage."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cpgrl_opt.compensated import Pair
+from cpgrl_opt.vectors import ArrayVectors
+
+STORAGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "row by row": np.ascontiguousarray,
+    "column by column": np.asfortranarray,
+    "every second column": lambda J: np.repeat(J, 2, axis=1)[:, ::2],
+    "backwards": lambda J: np.ascontiguousarray(J[::-1, ::-1])[::-1, ::-1],
+    "columns backwards": lambda J: np.asfortranarray(J[:, ::-1])[:, ::-1],
+}
+# Parts of threes of rows, of a block of columns, and of what is copied at a time.
+SHAPES = [(0, 5), (1, 1), (2, 1024), (3, 1025), (4, 2047), (5, 20_000), (7, 15_001), (31, 3000)]
+
+
+def drawn(m: int, n: int) -> tuple[np.random.Generator, np.ndarray]:
+    rng = np.random.default_rng([m, n])
+    return rng, rng.integers(-99, 100, (1 + m, n)).astype(np.float64)
+
+
+@pytest.mark.parametrize("storage", STORAGES.values(), ids=STORAGES)
+@pytest.mark.parametrize(("m", "n"), SHAPES)
+def test_inner_products_are_exact(m: int, n: int, storage: Callable[[np.ndarray], np.ndarray]) -> None:
+    _, V = drawn(m, n)
+    vectors = ArrayVectors(storage(V[:1])[0], storage(V[1:]))
+    np.testing.assert_array_equal(vectors.gramian(), V @ V.T)
+    np.testing.assert_array_equal(vectors.gramian_in_pairs().rounded(), V @ V.T)
+
+
+@pytest.mark.parametrize("storage", STORAGES.values(), ids=STORAGES)
+@pytest.mark.parametrize(("m", "n"), SHAPES)
+@pytest.mark.parametrize("in_pairs", [False, True])
+@pytest.mark.parametrize("off", [0.0, 0.5, 1.0])
+def test_a_combination_and_its_measures_are_exact(
+    m: int, n: int, storage: Callable[[np.ndarray], np.ndarray], in_pairs: bool, off: float
+) -> None:
+    rng, V = drawn(m, n)
+    vectors = ArrayVectors(storage(V[:1])[0], storage(V[1:]))
+    w, mu = (rng.integers(-9, 10, k) * (rng.random(k) >= off) for k in (1 + m, m))
+    more = 0.5 * rng.integers(1, 3, 1 + m) * in_pairs
+    d, certificate = vectors.combine(Pair(w.astype(float), more), mu.astype(float))
+    expected = (w + more) @ V
+    np.testing.assert_array_equal(d, expected)
+    np.testing.assert_array_equal(certificate.products, V[1:] @ expected)
+    rest = expected - V[0] - mu @ V[1:]
+    assert (certificate.length, certificate.rest) == (np.sqrt(expected @ expected), np.sqrt(rest @ rest))
+    again = vectors.certificate(d, mu.astype(float))
+    np.testing.assert_array_equal(again.products, certificate.products)
+    assert (again.length, again.rest) == (certificate.length, certificate.rest)
+
+
+def test_what_no_weight_asks_for_is_left_out_of_d() -> None:
+    V = np.ones((3, 2000))
+    V[2] = 1e300  # times anything but 0 it would be seen
+    d, certificate = ArrayVectors(V[0], V[1:]).combine(Pair(np.array([1.0, 2.0, 0.0]), np.zeros(3)), np.array([2.0, 0]))
+    np.testing.assert_array_equal(d, np.full(2000, 3.0))
+    assert certificate.rest == 0.0

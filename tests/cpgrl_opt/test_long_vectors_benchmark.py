@@ -1,0 +1,47 @@
+"""The benchmark of long vectors runs tiny."""
+
+import csv
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from cpgrl_opt.vectors import _numpy
+
+
+def test_it_runs_tiny_and_writes_its_files(
+    load_benchmark: Callable[[str], ModuleType],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    benchmark = load_benchmark("long_vectors")
+    monkeypatch.setattr(_numpy, "LEAST_PRODUCTS", 0)
+    monkeypatch.setattr(benchmark, "REFERENCE", 2000)
+    sizes = ["--parameters", "500,2000", "--constraints", "2,5", "--memory-parameters", "60000", "--scale", "0.05"]
+    monkeypatch.setattr(sys, "argv", ["long_vectors.py", *sizes, "--out", str(tmp_path)])
+    benchmark.main()
+    markdown = (tmp_path / "long_vectors.md").read_text(encoding="utf-8")
+    assert markdown in capsys.readouterr().out
+    assert "Failures: 0 of" in markdown
+    assert "untouched, n = 2e+03, m = 5" in markdown
+    with (tmp_path / "long_vectors.csv").open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        rows = [row for row in reader if row["work"] in benchmark.WORKS]
+    assert reader.fieldnames == [field.name for field in fields(benchmark.Row)]
+    assert {(row["n"], row["m"], row["work"]) for row in rows} == {
+        (n, m, work) for n in ("500", "2000") for m in ("2", "5") for work in benchmark.WORKS
+    }
+    for row in rows:
+        assert float(row["milliseconds"]) > 0
+        assert float(row["error"]) < 1e-12
+        if row["work"] == benchmark.OPPOSING:
+            assert row["rung"] == "pairs"
+        if row["work"] == benchmark.DIRECTION:
+            assert row["rung"] == "gramian"
+    with (tmp_path / "long_vectors_memory.csv").open(newline="", encoding="utf-8") as file:
+        memories = list(csv.DictReader(file))
+    assert [(row["m"], row["rung"]) for row in memories] == [("5", "gramian"), ("5", "pairs")]
