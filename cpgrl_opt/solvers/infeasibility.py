@@ -19,11 +19,12 @@ from ..kkt import farkas_residual, least_violation_residual, violation
 from ..problem import DirectionProblem, lengths
 from .kernels import compiled_kernels, solve_single
 
-# ‖v‖ in units of max(‖g‖, (b̂ᵢ)₊, |b̂ᵢ| on E) above which a problem is infeasible; bounds that should agree may differ
-# by rounding.
+# ‖v‖ in units of the bounds that the proof names above which a problem is infeasible; bounds that should agree may
+# differ by rounding.
 VIOLATION_TOLERANCE = 1e-9
 # v = 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
 FARKAS_TOLERANCE = 1e-6
+_MISSED = 1e-9  # as the compiled core has it
 _EXACT = 1e-12  # worst KKT residual of the projections
 
 
@@ -45,8 +46,8 @@ def least_violation(problem: DirectionProblem) -> LeastViolation | None:
     asking = np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
     if not (asking & ~problem.jacobian.any(axis=1)).any():
         lack = violation(problem, answer.value)
-        required = np.where(problem.equality, np.abs(lack.bound), np.maximum(lack.bound, 0.0)).max(initial=0.0)
-        size = float(lengths(lack.amount)) / max(float(lengths(problem.gradient)), float(required))
+        named = np.abs(lack.bound[answer.multipliers != 0.0]).max(initial=0.0)
+        size = float(lengths(lack.amount)) / float(named) if named > 0.0 else 0.0
     return LeastViolation(answer.value, answer.multipliers, size) if size > VIOLATION_TOLERANCE else None
 
 
@@ -54,6 +55,14 @@ def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Dire
     """The INFEASIBLE answer of a problem that is proven to be so, else None."""
     least = least_violation(problem)
     return None if least is None else Direction(least.direction, least.proof, Status.INFEASIBLE, iterations)
+
+
+def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
+    """Whether d misses a bound by more than 1e-9 of itself: it may contradict another, however short beside g."""
+    if not ((problem.bound != 0.0) & (problem.bound > -np.inf)).any():
+        return False
+    lack = violation(problem, d)
+    return bool(((lack.bound != 0.0) & (np.abs(lack.amount) > _MISSED * np.abs(lack.bound))).any())
 
 
 def is_proven(problem: DirectionProblem, answer: Direction) -> bool:

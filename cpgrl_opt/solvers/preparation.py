@@ -14,7 +14,7 @@ from ..arrays import Multipliers, Vector
 from ..direction import Direction, Status
 from ..kkt import KKTResiduals, kkt_residuals
 from ..problem import DirectionProblem
-from .infeasibility import infeasible_direction
+from .infeasibility import infeasible_direction, misses_a_bound
 from .polishing import polished
 from .reduction import BackEnd, BackEndAnswer, ScaledProblem, reduce_problem, scale_problem
 
@@ -154,7 +154,8 @@ def _larger_units(scaled: ScaledProblem) -> tuple[float, ...]:
 def _infeasible(problem: DirectionProblem, attempt: Attempt, tolerance: float) -> Direction | None:
     """The proof of infeasibility, looked for where an answer is rejected or violates more than rounding does."""
     candidate, certified = attempt.candidate, attempt.worst <= tolerance
-    if certified and candidate is not None and candidate.residuals.primal <= _SUSPICIOUS_VIOLATION:
+    is_met = candidate is not None and candidate.residuals.primal <= _SUSPICIOUS_VIOLATION
+    if certified and is_met and not misses_a_bound(problem, candidate.value):  # type: ignore[union-attr]
         return None
     return infeasible_direction(problem, attempt.answer.iterations)
 

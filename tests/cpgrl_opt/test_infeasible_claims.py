@@ -150,3 +150,43 @@ def test_rows_that_oppose_are_infeasible_however_far_the_gradient_goes() -> None
     problem = DirectionProblem([1e6, 3e6], [[0.0, 1.0], [0.0, -1.0]], 1.0)
     answer = SOLVERS["active-set"].solve(problem)
     assert refereed([problem], DirectionBatch.stack([answer]), 1e-6).status[0] == Status.INFEASIBLE
+
+
+@pytest.mark.parametrize("name", ["active-set", "nnls", "quadprog", "enumeration", "osqp"])
+@pytest.mark.parametrize("length", [1.0, 1e6, 1e9, 1e10, 1e13, 1e16])
+def test_whether_constraints_contradict_each_other_does_not_depend_on_the_gradient(length, name):
+    """d₂ ≥ 1, d₂ ≤ −1 beside a long g: that the miss is rounding in units of g makes it no less of one."""
+    problem = DirectionProblem([length, 0.0], [[0.0, 1.0], [0.0, -1.0]], [1.0, 1.0])
+    answer = SOLVERS[name].solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    assert farkas_residual(problem, answer.multipliers) <= 1e-9
+    np.testing.assert_allclose(answer.value, [length, 0.0], atol=1e-6)
+    feasible = DirectionProblem([length, 0.0], [[0.0, 1.0], [0.0, -1.0]], [1.0, -1.0])  # d₂ = 1
+    assert SOLVERS[name].solve(feasible).status == Status.OPTIMAL
+
+
+@pytest.mark.parametrize("name", ["active-set", "nnls", "quadprog"])
+@pytest.mark.parametrize("other", [1.0, 1e9, 1e12])
+def test_whether_constraints_contradict_each_other_does_not_depend_on_an_unrelated_bound(other, name):
+    problem = DirectionProblem([0.0, 0.0], [[0.0, 1.0], [0.0, -1.0], [1.0, 0.0]], [1.0, 1.0, other])
+    answer = SOLVERS[name].solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    assert farkas_residual(problem, answer.multipliers) <= 1e-9
+    assert answer.multipliers[2] == 0.0
+
+
+@pytest.mark.parametrize("length", [1.0, 1e3, 1e6])
+def test_a_restoring_step_counts_contradictory_rows_whatever_the_length_of_the_objectives_gradient(length):
+    linearization = Linearization([0.0, -1e-8, -1e-8], [[length, 0.0], [1.0, 1.0], [-1.0, -1.0]])
+    result = ConstrainedStep(formulation="restoring")(linearization, np.zeros(2))
+    assert result.counts["infeasible"] == 1
+
+
+def test_an_infeasible_answer_says_up_to_which_length():
+    """Feasible at length 4e15, and at no shorter one: "none shorter than bᵀy/‖Jᵀy‖" is true of both."""
+    rows = np.array([[4.0, -2.0, -3.0], [-3.9999999999999996, 1.9999999999999998, 3.0]])
+    answer = SOLVERS["active-set"].solve(DirectionProblem(np.zeros(3), rows, 1.0))
+    assert answer.status == Status.INFEASIBLE
+    assert "none shorter than bᵀy/‖Jᵀy‖" in str(answer.status)
+    y = answer.multipliers
+    assert 1e13 < y.sum() / np.linalg.norm(y @ rows) <= 5e15  # 4.03e15 but for rounding

@@ -19,6 +19,7 @@ from ._workspace import EPS, Booleans, Floats, Integers, numbers
 OPTIMAL, OPEN = 0, -1
 SHARP = 1e-14  # the worst residual, relative as the referee's, that an answer may have
 APART, COPY = 1e-4, 1e-12  # squared distances from the others' span: well apart from here on; a combination up to here
+MISSED = 1e-9  # a bound missed by more of itself may contradict another, however small that is beside g
 SAFE = 1e150  # lengths between 1/SAFE and SAFE can be squared
 
 BOUND, OFFSET, MU, LENGTH = numbers(4)  # b̂, c, μ, ‖Jᵢ‖; rows of small
@@ -160,6 +161,9 @@ def worst_residual(rows: Floats, small: Floats, state: Integers, equality: Boole
             mu, slack = small[MU, i], dot(rows, i, m + 1) - small[BOUND, i]
             residual = abs(slack if equality[first + i] or slack < mu else mu)
             worst = worst if residual <= worst else residual
+            missed = abs(slack) if equality[first + i] else -slack
+            if missed > MISSED * abs(small[BOUND, i]) and small[BOUND, i] != 0.0:  # rounding, beside a long g; or not
+                return inf
             add(rows, rest, -mu, i)
     gradient, value, stationarity = dot(rows, m, m), dot(rows, m + 1, m + 1), sqrt(dot(rows, rest, rest))
     worst = worst if stationarity <= worst else stationarity

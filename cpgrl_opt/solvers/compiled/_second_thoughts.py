@@ -13,13 +13,16 @@ from ...direction import Direction, Status
 from ...kkt import kkt_residuals
 from ...problem import DirectionProblem, lengths, unit_rows
 from ..infeasibility import is_proven
+from ._direct import MISSED
 from ._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from ._projection import project_stacked
 from ._workspace import Booleans, Floats
 
 EXACT = 1e-12  # worst residual that ends the attempts
 _SETTLED = (Status.OPTIMAL, Status.NUMERICAL_ERROR, Status.UNSUPPORTED)
+_CLAIMING_A_POINT = (Status.OPTIMAL, Status.UNCERTIFIED, Status.ITERATION_LIMIT)
 _FAR = -1e3  # rows with bounds below this stay out of the least violation, which they would swamp, until violated
+_SIZE = 1e6  # bounds up to this many times as large are solved for together: ten digits are left of the smallest
 _LEAST = 1e-13  # violations below this are rounding
 
 
@@ -62,10 +65,34 @@ def solved_thoroughly(
     answers = []
     for k, (status, changes, worst) in enumerate(reports.T.tolist()):
         answer = Answer(int(status), values[k], multipliers[k], int(changes))
+        problem = Problem(gradient[k], jacobian[k], bound[k], equality[k])
         if status not in _SETTLED:
-            answer, worst = reconsidered(Problem(gradient[k], jacobian[k], bound[k], equality[k]), answer, tolerance)
+            answer, worst = reconsidered(problem, answer, tolerance)
+        if answer.status in _CLAIMING_A_POINT and (conflict := contradiction(problem, answer.value)) is not None:
+            answer, worst = _proven(problem, DirectionProblem(*problem), conflict), inf
         answers.append((answer, worst))
     return answers
+
+
+def contradiction(problem: Problem, value: Floats) -> Answer | None:
+    """The proof that rows which d misses contradict each other, however short that is beside g or another bound.
+
+    Each row missed by more than 1e-9 of its own bound is looked at with g = 0 among those with bounds of its size.
+    """
+    rows = unit_rows(problem.jacobian)
+    on = (rows.largest > 0.0) & (problem.bound > -inf)
+    bound = np.where(on, rows.per_length(problem.bound), 0.0)
+    lack = bound - rows.jacobian @ value
+    missed = np.where(problem.equality, np.abs(lack), lack) > MISSED * np.abs(bound)
+    for size in np.unique(np.abs(bound[on & missed & (bound != 0.0)])):
+        near = on & (np.abs(bound) <= _SIZE * size)
+        part = Problem(np.zeros_like(value), rows.jacobian[near], bound[near] / size, problem.equality[near])
+        found = solved(part, PLAIN)
+        if found.status == Status.INFEASIBLE:
+            proof = np.zeros(len(bound))
+            proof[near] = found.multipliers
+            return Answer(int(Status.INFEASIBLE), value, rows.per_length(proof), found.changes)
+    return None
 
 
 def solved(problem: Problem, attempt: int) -> Answer:
@@ -175,4 +202,4 @@ def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
         Problem(bound / largest, constraints, limits, np.append(np.ones(n, bool), np.zeros(count, bool))), LOOSE
     )
     y: Floats = answer.value * largest
-    return np.where(exact | ((answer.multipliers[n:] == 0.0) & (y > _LEAST)), y, 0.0)
+    return np.where(exact | ((answer.multipliers[n:] == 0.0) & (y > _LEAST * min(largest, 1.0))), y, 0.0)
