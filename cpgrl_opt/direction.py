@@ -33,8 +33,8 @@ class Status(IntEnum):
 _ADVICE = {
     Status.OPTIMAL: "the optimum; every KKT residual is within the solver's tolerance.",
     Status.INFEASIBLE: (
-        "no direction meets all constraints, or none shorter than bᵀy/‖Jᵀy‖, 1e13 times the bounds as a rule; the value "
-        "violates them least, and the multipliers y prove it (Farkas). "
+        "no direction meets all constraints, or none shorter than bᵀy/‖Jᵀy‖, as a rule 1e13 times the bounds; the "
+        "value violates them least, and the multipliers y prove it (Farkas). "
         "Lower the thresholds or the restoration rate, or drop a constraint."
     ),
     Status.UNCERTIFIED: (

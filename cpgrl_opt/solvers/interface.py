@@ -18,6 +18,7 @@ from ..kkt import (
 from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
 from ..settings import require_tolerance
 from .asking import ask, ask_batch
+from .infeasibility import infeasible_direction, misses_a_bound
 
 DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
 _LEAST_IN_SINGLE = 4 * 2.0**-23  # rounding d to float32 leaves half an eps of each number, and as much in a product
@@ -48,21 +49,32 @@ def refereed(
 ) -> DirectionBatch:
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
 
-    They are copied as contiguous float64 arrays. INFEASIBLE stands where the multipliers prove it to √tolerance and the
-    direction violates least to (1 + m) tolerance, in the ball where there is a radius; and no direction that meets the
-    constraints is shorter than a hundred times the answer and the gradient (or than the radius): what the conformance
-    kit asks for and more, but that it be the nearest of them to the gradient.
+    They are copied as contiguous float64 arrays. OPTIMAL stands where every residual is within the tolerance and no
+    constraints contradict each other, which a long gradient may hide. INFEASIBLE stands where the multipliers prove it
+    to √tolerance and the direction violates least to (1 + m) tolerance, in the ball where there is a radius; and no
+    direction that meets the constraints is shorter than a hundred times the answer and the gradient (or than the
+    radius): what the conformance kit asks for and more, but that it be the nearest of them to the gradient.
     """
     answers = answers.owned()
     status = answers.status
     if len(answers) != len(problems):
         raise ValueError(f"answers should be one for each of {len(problems)} problems; found {len(answers)}")
     for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
-        if answer.status == Status.OPTIMAL and not kkt_residuals(problem, answer).worst <= tolerance:
+        if answer.status == Status.OPTIMAL and not _is_optimal(problem, answer, tolerance):
             status[k] = Status.UNCERTIFIED
         if answer.status == Status.INFEASIBLE and not _is_infeasible(problem, answer, tolerance):
             status[k] = Status.UNCERTIFIED
     return answers
+
+
+def _is_optimal(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
+    """Within the tolerance, and no rows that d misses contradict each other, however short they are beside g."""
+    if not kkt_residuals(problem, answer).worst <= tolerance:
+        return False
+    if not misses_a_bound(problem, answer.value):
+        return True
+    alone = DirectionProblem.trusted(np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
+    return infeasible_direction(alone) is None
 
 
 def _is_infeasible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:

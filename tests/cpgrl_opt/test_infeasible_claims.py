@@ -190,3 +190,11 @@ def test_an_infeasible_answer_says_up_to_which_length():
     assert "none shorter than bᵀy/‖Jᵀy‖" in str(answer.status)
     y = answer.multipliers
     assert 1e13 < y.sum() / np.linalg.norm(y @ rows) <= 5e15  # 4.03e15 but for rounding
+
+
+def test_the_referee_takes_no_optimum_of_contradictory_constraints_beside_a_long_gradient():
+    problem = DirectionProblem([1e12, 0.0], [[0.0, 1.0], [0.0, -1.0]], [1.0, 1.0])
+    claims = DirectionBatch(np.array([[1e12, 0.0]]), np.zeros((1, 2)), np.array([Status.OPTIMAL]), np.zeros(1, int))
+    assert refereed([problem], claims, 1e-6).status[0] == Status.UNCERTIFIED
+    feasible = DirectionProblem([1e12, 0.0], [[0.0, 1.0], [0.0, -1.0]], [-1.0, 1.0])
+    assert refereed([feasible], claims, 1e-6).status[0] == Status.OPTIMAL
