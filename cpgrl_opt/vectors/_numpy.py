@@ -117,6 +117,7 @@ def _certificate(sums: np.ndarray) -> Certificate:
 
 
 def _mirrored(lower: np.ndarray) -> np.ndarray:
-    """A symmetric matrix of its lower triangle."""
-    full: np.ndarray = np.tril(lower) + np.tril(lower, -1).T
+    """A symmetric matrix of its lower triangle, 0 above."""
+    full: np.ndarray = lower + lower.T
+    np.fill_diagonal(full, lower.diagonal())
     return full
