@@ -91,12 +91,13 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
 def _long_residuals(problem: DirectionProblem, d: Vector, multipliers: Multipliers) -> KKTResiduals:
     """In passes over the vectors as they are; as `_euclidean_residuals` where a square leaves float64."""
     lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, multipliers)
-    sizes = [*lengths[lengths > 0.0], certificate.length or 1.0]
+    sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
+    sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
     with np.errstate(over="ignore", invalid="ignore"):
         allowance = 8 * _EPS * _total(multipliers * lengths[1:]) / (max(lengths[0], certificate.length) or 1.0)
-    if not (_SAFE_LENGTH[0] < min(sizes) and max(sizes) < _SAFE_LENGTH[1] and allowance < _DOUBTFUL):
+    are_safe = _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]
+    if not (are_safe and allowance < _DOUBTFUL):
         return _euclidean_residuals(problem, d, multipliers)
-    lengths = np.where(np.append(True, problem.jacobian.any(axis=1)), lengths, 0.0)
     return certified_residuals(certificate, problem, multipliers, lengths)
 
 
