@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from cpgrl_opt import SOLVERS
+from cpgrl_opt.testing import LAWS, FunctionSolver
+from cpgrl_opt.testing.examination import first_break
 from rl.experiments.solver_cases import cases
 
 ROOT = Path(__file__).parents[1]
@@ -76,6 +78,17 @@ def typed(start_cpgrl, *arguments):
 
 def test_two_solvers_are_checked():
     assert [arguments[1] for arguments in CHECKS] == ["mine:Doubtful", "mine:tangent"]
+
+
+def test_the_solvers_of_mine_are_what_they_are_said_to_be():
+    """Two laws, for the whole of it is slow."""
+    (source,) = [example for example in EXAMPLES if "class Doubtful" in example]
+    scope = {}
+    exec(compile(source, "mine.py", "exec"), scope)
+    for law in ("check_stationarity", "check_gradient_kept_when_feasible"):
+        found = first_break(LAWS[law], scope["Doubtful"](), max_examples=20)
+        assert (found.held, found.broken) == (20, 0)
+    assert first_break(LAWS[law], FunctionSolver(scope["tangent"]), max_examples=20).broken == 1
 
 
 @pytest.mark.slow

@@ -139,5 +139,7 @@ def test_transient_states_and_periods_are_fine() -> None:
     ring[0] = [0, 1, 0, 0]
     ring[3] = [0, 1, 0, 0]  # 0 is left for ever, 1 → 2 → 3 → 1
     mdp = TabularMDP(np.stack([ring, ring], axis=1), np.ones((1, 4, 2)))
-    for estimator in (GPOMDP(steps=5), KondaActorCritic(steps=5)):
-        estimator.start(mdp, SoftmaxTable(4, 2), [np.random.SeedSequence(0)])
+    for estimator in (ExactGradient(), GPOMDP(steps=5), KondaActorCritic(steps=5)):
+        estimation: Any = estimator.start(mdp, SoftmaxTable(4, 2), [np.random.SeedSequence(0)])
+        for _ in range(3):
+            np.testing.assert_allclose(estimation.episode(np.zeros((1, 8))).values, 1.0, rtol=1e-12)

@@ -74,8 +74,34 @@ def test_a_policy_of_the_right_size_trains(spaces, policy):
     assert len(records) == 2
 
 
-def test_spaces_that_say_nothing_are_let_through():
-    require_fitting(object(), SoftmaxTable(4, 2))
+class Silent:
+    """An environment that says what it is told to say, and nothing else."""
+
+    def __init__(self, **spaces):
+        vars(self).update(spaces)
+
+
+@pytest.mark.parametrize(
+    ("policy", "spaces"),
+    [
+        (SoftmaxTable(4, 2), TABLE),
+        (LinearSoftmax(start_of, 3, 2), TABLE),
+        (LinearGaussian(start_of, 3, 2), POINT),
+        (network(3, 2), POINT),
+    ],
+)
+def test_spaces_that_say_nothing_are_let_through_and_the_other_is_read(policy, spaces):
+    observations, actions = spaces
+    for silent in (
+        Silent(),
+        Silent(observation_space=None, action_space=None),
+        Silent(observation_space=observations),
+        Silent(action_space=actions),
+    ):
+        require_fitting(silent, policy)
+    for wrong in (Discrete(7), Box(-1, 1, (7,))):
+        with pytest.raises(ValueError, match="policy should have"):
+            require_fitting(Silent(action_space=wrong), policy)
 
 
 def test_features_of_another_size_are_named():
