@@ -164,15 +164,18 @@ def certified_residuals(
     lengths: of g and of each row, 0 for what is 0 or off.
     """
     sigma = max(float(lengths[0]), certificate.length)
+    numbers = (sigma, certificate.length, certificate.rest, *certificate.products)
+    if not all(abs(each) < np.inf for each in numbers):
+        return _HOPELESS
     if sigma == 0.0:  # g = d = 0: nothing to be relative to
         violated = np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0).any()
         return KKTResiduals(0.0, np.inf if violated else 0.0, 0.0, 0.0)
-    if not (sigma < np.inf and certificate.rest < np.inf and np.isfinite(certificate.products).all()):
-        return _HOPELESS
+    is_zero = (lengths[1:] == 0.0) & (problem.bound > -np.inf)  # rows that no d can change
     rows = np.where(lengths[1:] > 0.0, lengths[1:], 1.0)
     with np.errstate(over="ignore", invalid="ignore"):
-        mu = multipliers * rows / sigma
+        mu = np.where(is_zero, 0.0, multipliers * rows / sigma)
         slack = (certificate.products - problem.bound) / rows / sigma
+    slack[is_zero & (problem.bound != 0.0)] *= np.inf
     allowance = 8 * _EPS * _total(mu)
     if not allowance < _ALLOWED:
         return _HOPELESS

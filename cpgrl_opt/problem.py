@@ -105,10 +105,17 @@ class DirectionProblem:
         """Coordinates in which M = I; None where it is already."""
         return None if self.metric is None else validated_metric(self.metric, self.n)[1]
 
-    @cached_property
+    @property
     def vectors(self) -> ArrayVectors:
-        """g and the rows, as the reduction to their span looks at them; keeps their inner products."""
-        return ArrayVectors(self.gradient, self.jacobian)
+        """g and the rows, as the reduction to their span looks at them; keeps their inner products.
+
+        Of other arrays than before, where somebody put such in spite of all; whoever does may put NaN there too.
+        """
+        vectors: ArrayVectors | None = vars(self).get("_vectors")
+        if vectors is None or vectors.gradient is not self.gradient or vectors.jacobian is not self.jacobian:
+            vectors = ArrayVectors(self.gradient, self.jacobian)
+            vars(self)["_vectors"] = vectors
+        return vectors
 
     @property
     def n(self) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .arrays import Float, Multipliers, Vector
 from .compensated import Pair
-from .problem import DirectionProblem
+from .problem import DirectionProblem, lengths
 
 # Beyond it 106 bits leave less than 1e-10 of r: then rational arithmetic, at 10 µs a number.
 _MOST_IN_PAIRS = 2.0**60
@@ -59,8 +59,8 @@ def beyond_rounding(rest: Vector, rows: Float[np.ndarray, "k n"], allowance: flo
         return math.inf
     _, values, basis = np.linalg.svd(rows, full_matrices=False)
     coordinates = basis[values > _RANK] @ rest
-    outside = float(np.linalg.norm(rest - coordinates @ basis[values > _RANK]))
-    return math.hypot(outside, max(float(np.linalg.norm(coordinates)) - allowance, 0.0))
+    outside = float(lengths(rest - coordinates @ basis[values > _RANK]))
+    return math.hypot(outside, max(float(lengths(coordinates)) - allowance, 0.0))
 
 
 def _times(vector: Vector, factor: float) -> Pair:
