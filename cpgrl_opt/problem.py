@@ -11,7 +11,7 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -41,7 +41,8 @@ class DirectionProblem:
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
     for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, None for the identity;
     radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only; but long g and J, with
-    n (1 + m)² ≥ 10⁶, are looked at where they lie: leave them alone as long as the problem is in use.
+    n (1 + m)² ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave them alone as long as
+    the problem is in use.
     Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, no numbers, masked entries.
     """
 
@@ -61,19 +62,19 @@ class DirectionProblem:
         metric: ArrayLike | None = None,
         radius: Number | None = None,
     ) -> None:
-        long = type(jacobian) is np.ndarray and jacobian.ndim == 2 and is_long(*jacobian.shape)
-        if long:
-            g, J = real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2)
-        else:
+        vectors = _long_vectors(gradient, jacobian)
+        if vectors is None:
             g, J = finite_array("gradient", gradient, 1), finite_array("jacobian", jacobian, 2)
-        n = J.shape[1]
+            m, n = J.shape
+        else:
+            g, (m, n) = vectors.gradient, vectors.shape
         require_shape("gradient", g, (n,))
         if n == 0:
             raise ValueError("gradient should have at least one component; found none")
-        _set_fields(self, g, J, *_bounds(bound, equality, J.shape[:-1]))
-        if long and not self.vectors.are_finite():
-            require_finite("gradient", g)
-            require_finite("jacobian", J)
+        if vectors is None:
+            _set_fields(self, g, J, *_bounds(bound, equality, (m,)))
+        else:
+            self._look_at(vectors, *_bounds(bound, equality, (m,)))
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n))
         if radius is not None:
@@ -83,6 +84,26 @@ class DirectionProblem:
     def __reduce__(self) -> tuple[type["DirectionProblem"], tuple[object, ...]]:
         # Through the constructor, so that a copy or an unpickled problem is read-only too.
         return DirectionProblem, (self.gradient, self.jacobian, self.bound, self.equality, self.metric, self.radius)
+
+    def _look_at(self, vectors: ArrayVectors, bound: Multipliers, equality: Mask) -> None:
+        if not vectors.are_finite():
+            require_finite("gradient", vectors.gradient)
+            for row in vectors.jacobian:
+                require_finite("jacobian", row)
+        known = {"gradient": vectors.gradient, "bound": read_only(bound), "equality": read_only(equality)}
+        vars(self).update(known, _vectors=vectors)
+        if isinstance(vectors.jacobian, np.ndarray):
+            vars(self).update(jacobian=vectors.jacobian)
+
+    if not TYPE_CHECKING:  # which would believe in any attribute
+
+        def __getattr__(self, name: str) -> Jacobian:
+            # Rows apart are put together when somebody asks for J: a solve does not.
+            if name != "jacobian" or "_vectors" not in vars(self):
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            stacked = read_only(np.array(self._vectors.jacobian))
+            vars(self).update(jacobian=stacked)
+            return stacked
 
     @classmethod
     def trusted(cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask) -> "DirectionProblem":
@@ -112,7 +133,8 @@ class DirectionProblem:
         Of other arrays than before, where somebody put such in spite of all; whoever does may put NaN there too.
         """
         vectors: ArrayVectors | None = vars(self).get("_vectors")
-        if vectors is None or vectors.gradient is not self.gradient or vectors.jacobian is not self.jacobian:
+        rows = vars(self).get("jacobian", vectors and vectors.jacobian)  # not there: rows apart
+        if vectors is None or vectors.gradient is not self.gradient or vectors.jacobian is not rows:
             vectors = ArrayVectors(self.gradient, self.jacobian)
             vars(self)["_vectors"] = vectors
         return vectors
@@ -120,12 +142,12 @@ class DirectionProblem:
     @property
     def n(self) -> int:
         """Number of parameters."""
-        return int(self.jacobian.shape[1])
+        return len(self.gradient)
 
     @property
     def m(self) -> int:
         """Number of constraints."""
-        return int(self.jacobian.shape[0])
+        return len(self.bound)
 
 
 def euclidean(problem: DirectionProblem) -> DirectionProblem:
@@ -278,6 +300,24 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         if self.radius is not None:
             object.__setattr__(problem, "radius", float(self.radius[index]))
         return problem
+
+
+def _long_vectors(gradient: ArrayLike, jacobian: ArrayLike) -> ArrayVectors | None:
+    """g and J where they lie, if J is an array or a list of arrays, of float64 and long; None for all else."""
+    if type(jacobian) is np.ndarray:
+        if jacobian.ndim != 2 or not is_long(*jacobian.shape):
+            return None
+        return ArrayVectors(real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2))
+    if not isinstance(jacobian, list | tuple) or not all(map(_is_vector, jacobian)):
+        return None
+    rows: tuple[Vector, ...] = tuple(map(read_only, jacobian))
+    if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
+        return None
+    return ArrayVectors(real_view("gradient", gradient, 1), rows)
+
+
+def _is_vector(row: object) -> bool:
+    return type(row) is np.ndarray and row.ndim == 1 and row.dtype == np.float64
 
 
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:

@@ -47,7 +47,7 @@ def takes_geometry(solver_class: SolverClass) -> SolverClass:
     @wraps(solve)
     def solve_in_geometry(self: Any, problem: DirectionProblem) -> Direction:
         if problem.metric is None and problem.radius is None:
-            if is_long(*problem.jacobian.shape):
+            if is_long(len(problem.bound), len(problem.gradient)):
                 return solve_in_span(partial(solve, self), problem, _tolerance(self))
             answer: Direction = solve(self, problem)
             return answer

@@ -38,10 +38,17 @@ def _blocks() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class ArrayVectors:
-    """g (n,) and J (m, n)."""
+    """g (n,) and J, one array (m, n) or its rows apart."""
 
     gradient: Vector
-    jacobian: Jacobian
+    jacobian: Jacobian | tuple[Vector, ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, n), by the rows."""
+        if isinstance(self.jacobian, tuple):
+            return len(self.jacobian), len(self.jacobian[0])
+        return self.jacobian.shape[0], self.jacobian.shape[1]
 
     def lengths(self) -> Float[np.ndarray, "channels"]:
         """Of g and of each row; over- or underflows with their squares."""
@@ -78,9 +85,9 @@ class ArrayVectors:
     def combine(self, weights: Pair, multipliers: Multipliers) -> tuple[Vector, Certificate]:
         """d of float64, in one pass with its certificate."""
         d, sums, forces = np.empty(self.gradient.shape), np.zeros(2 + len(multipliers)), np.append(1.0, multipliers)
-        in_pairs, g, J = bool(weights.lo.any()), self.gradient, self.jacobian
-        if J.T.flags.c_contiguous and not J.flags.c_contiguous and g.flags.c_contiguous and not in_pairs:
-            _blocks().combine_columns(g, J.T, weights.hi, forces, d, sums)
+        in_pairs = bool(weights.lo.any())
+        if not in_pairs and (columns_of_J := self._columns()) is not None:
+            _blocks().combine_columns(self.gradient, columns_of_J, weights.hi, forces, d, sums)
             return d, _certificate(sums)
         for gradient, jacobian, columns in self._chunks():
             _blocks().combine(gradient, jacobian, weights.hi, weights.lo, forces, in_pairs, d[columns], sums)
@@ -96,19 +103,33 @@ class ArrayVectors:
     def _square(self) -> np.ndarray:
         return np.zeros((1 + len(self.jacobian), 1 + len(self.jacobian)))
 
+    def _columns(self) -> Float[np.ndarray, "n m"] | None:
+        """Jᵀ where J lies column by column."""
+        g, J = self.gradient, self.jacobian
+        if isinstance(J, tuple) or J.flags.c_contiguous or not (J.T.flags.c_contiguous and g.flags.c_contiguous):
+            return None
+        return J.T
+
     def _chunks(self) -> Iterator[tuple[Vector, Jacobian, slice]]:
         """(g, J) as the compiled passes take them: as they are if they can be, else copies of some columns."""
         g, J, n = self.gradient, self.jacobian, len(self.gradient)
-        if g.flags.c_contiguous and J.flags.c_contiguous:
+        if not isinstance(J, tuple) and g.flags.c_contiguous and J.flags.c_contiguous:
             yield g, J, slice(0, n)
             return
         lines = max(_CHUNK // (1 + len(J)) // _LINE, _FEWEST)  # of a row at a time
         size = (lines - 1 + lines % 2) * _LINE
         buffer = np.empty((1 + len(J), min(size, n)))
         for start in range(0, n, size):
-            part = buffer if start + size <= n else np.empty((1 + len(J), n - start))
-            _blocks().pack(g, J, start, part)
-            yield part[0], part[1:], slice(start, start + part.shape[1])
+            part, columns = (
+                buffer if start + size <= n else np.empty((1 + len(J), n - start)),
+                slice(start, start + size),
+            )
+            if isinstance(J, tuple):
+                for to, row in zip(part, (g, *J), strict=True):
+                    to[:] = row[columns]
+            else:
+                _blocks().pack(g, J, start, part)
+            yield part[0], part[1:], columns
 
 
 def _certificate(sums: np.ndarray) -> Certificate:

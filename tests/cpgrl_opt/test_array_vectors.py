@@ -8,11 +8,13 @@ import pytest
 from cpgrl_opt.compensated import Pair
 from cpgrl_opt.vectors import ArrayVectors
 
-STORAGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+STORAGES: dict[str, Callable[[np.ndarray], np.ndarray | tuple[np.ndarray, ...]]] = {
     "row by row": np.ascontiguousarray,
     "column by column": np.asfortranarray,
     "every second column": lambda J: np.repeat(J, 2, axis=1)[:, ::2],
     "backwards": lambda J: np.ascontiguousarray(J[::-1, ::-1])[::-1, ::-1],
+    "rows apart": lambda J: tuple(row.copy() for row in J),
+    "rows apart, backwards": lambda J: tuple(row[::-1].copy()[::-1] for row in J),
     "columns backwards": lambda J: np.asfortranarray(J[:, ::-1])[:, ::-1],
 }
 # Parts of threes of rows, of a block of columns, and of what is copied at a time.
@@ -26,7 +28,9 @@ def drawn(m: int, n: int) -> tuple[np.random.Generator, np.ndarray]:
 
 @pytest.mark.parametrize("storage", STORAGES.values(), ids=STORAGES)
 @pytest.mark.parametrize(("m", "n"), SHAPES)
-def test_inner_products_are_exact(m: int, n: int, storage: Callable[[np.ndarray], np.ndarray]) -> None:
+def test_inner_products_are_exact(
+    m: int, n: int, storage: Callable[[np.ndarray], np.ndarray | tuple[np.ndarray, ...]]
+) -> None:
     _, V = drawn(m, n)
     vectors = ArrayVectors(storage(V[:1])[0], storage(V[1:]))
     np.testing.assert_array_equal(vectors.gramian(), V @ V.T)
@@ -38,7 +42,7 @@ def test_inner_products_are_exact(m: int, n: int, storage: Callable[[np.ndarray]
 @pytest.mark.parametrize("in_pairs", [False, True])
 @pytest.mark.parametrize("off", [0.0, 0.5, 1.0])
 def test_a_combination_and_its_measures_are_exact(
-    m: int, n: int, storage: Callable[[np.ndarray], np.ndarray], in_pairs: bool, off: float
+    m: int, n: int, storage: Callable[[np.ndarray], np.ndarray | tuple[np.ndarray, ...]], in_pairs: bool, off: float
 ) -> None:
     rng, V = drawn(m, n)
     vectors = ArrayVectors(storage(V[:1])[0], storage(V[1:]))
