@@ -21,7 +21,7 @@ def supported_cases(solver: DirectionSolver) -> list[Case]:
     taken = _taken(solver)
     if not taken:
         return []
-    constraints = {case_of(problem) for problem in taken}
+    constraints = {_case_of_example(problem) for problem in taken}
     cases = [case for case in ALL_CASES if case in constraints]
     if any(problem.metric is not None for problem in taken):
         cases.append(Case.METRIC)
@@ -65,6 +65,9 @@ def case_of(problem: DirectionProblem) -> Case:
     if equality.any():
         return Case.AFFINE if is_shifted else Case.TANGENT
     return Case.BOUNDS if is_shifted else Case.CONE
+
+
+_case_of_example = cache(case_of)  # the examples are the same for every law
 
 
 def traits_of(problem: DirectionProblem) -> set[Hashable]:

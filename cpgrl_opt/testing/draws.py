@@ -4,6 +4,7 @@ A number of a small array is a byte that shrinks on its own; a large array comes
 drawn, and from the share of its entries that are not the simplest, which shrinks to few.
 """
 
+import math
 from collections.abc import Collection, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -163,7 +164,7 @@ def integers(
 
 def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
     """`count` of the options, the first being the simplest."""
-    return _picked(draw(_BLOCK), (count,), tuple(options))
+    return _picked(draw(_BLOCK), (count,), _array(tuple(options)))
 
 
 def pick(draw: st.DrawFn, options: Sequence[T]) -> T:
@@ -178,16 +179,21 @@ def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
 
 
 @cache
-def _by_size(lowest: int, largest: int) -> tuple[float, ...]:
+def _by_size(lowest: int, largest: int) -> Float[np.ndarray, "..."]:
     if lowest < 0:
-        return (0.0, *(float(sign * k) for k in range(1, largest + 1) for sign in (1, -1)))
-    return tuple(float(k) for k in range(lowest, largest + 1))
+        return _array((0.0, *(float(sign * k) for k in range(1, largest + 1) for sign in (1, -1))))
+    return _array(tuple(float(k) for k in range(lowest, largest + 1)))
 
 
-def _picked(block: bytes, shape: tuple[int, ...], options: tuple[float, ...]) -> Float[np.ndarray, "..."]:
-    """One option for each byte; a larger array by a generator that the block seeds, its first byte saying how full."""
-    values, drawn = np.array(options), np.frombuffer(block, dtype=np.uint8)
-    count, (rows, columns) = int(np.prod(shape)), (1, *shape)[-2:]
+@cache
+def _array(options: tuple[float, ...]) -> Float[np.ndarray, "..."]:
+    return np.array(options, dtype=np.float64)
+
+
+def _picked(block: bytes, shape: tuple[int, ...], values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """One value for each byte; a larger array by a generator that the block seeds, its first byte saying how full."""
+    drawn = np.frombuffer(block, dtype=np.uint8)
+    count, (rows, columns) = math.prod(shape), (1, *shape)[-2:]
     if columns <= _STRIDE and rows <= _BLOCK_SIZE // _STRIDE:
         drawn = drawn.reshape(-1, _STRIDE)[:rows, :columns]
     elif count > _BLOCK_SIZE:
@@ -196,7 +202,7 @@ def _picked(block: bytes, shape: tuple[int, ...], options: tuple[float, ...]) ->
         return np.where(rng.random(shape) < full, rng.choice(values, shape), values[0])
     else:
         drawn = drawn[:count]
-    picked: np.ndarray = values[drawn % len(options)].reshape(shape)
+    picked: np.ndarray = values[drawn % len(values)].reshape(shape)
     return picked
 
 

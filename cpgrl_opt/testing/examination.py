@@ -4,7 +4,7 @@ import math
 import random
 import tempfile
 import zlib
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -97,7 +97,9 @@ class Examination:
             raise LawBroken(f"tolerance should be one number; found {self.tolerance:g}, then {tolerance:g}")
 
 
-def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int) -> Examination:
+def examine(
+    law: Law, solver: DirectionSolver, cases: Collection[Case], *, max_examples: int, number: int
+) -> Examination:
     """Counts over `max_examples` problems drawn by the seed `number`, which is mixed with the name of their source.
 
     Then, where the law broke, the same draws again up to the first failure, and from there to the smallest.
@@ -110,7 +112,7 @@ def examine(law: Law, solver: DirectionSolver, *, max_examples: int, number: int
             raise _Enough
 
     with _traceless():
-        draws, found.untaken = _draws_for(law, solver, math.ceil(part_drawn(law) * max_examples), number)
+        draws, found.untaken = _draws_for(law, solver, cases, math.ceil(part_drawn(law) * max_examples), number)
         found.skipped = found.untaken
         with suppress(_Enough):
             draws.each(judge, math.ceil(law.part * max_examples))
@@ -131,18 +133,21 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
             raise _Enough
 
     with _traceless(), suppress(_Enough):
-        _draws_for(law, solver, max_examples, number)[0].searched(judge, Phase.generate)
+        draws, _ = _draws_for(law, solver, law.applies_to(solver), max_examples, number)
+        draws.searched(judge, Phase.generate)
     found.settle()
     return found
 
 
-def _draws_for(law: Law, solver: DirectionSolver, max_examples: int, number: int) -> tuple["_Draws", int]:
+def _draws_for(
+    law: Law, solver: DirectionSolver, cases: Collection[Case], max_examples: int, number: int
+) -> tuple["_Draws", int]:
     """The problems to draw, and how many of the first hundred were left out since the solver does not take them.
 
     All solvers get the same problems, and nothing is left out. But where a solver takes less than half of them, it gets
     as many others that it does take.
     """
-    draws = _Draws(law.arguments, tuple(law.applies_to(solver)), max_examples, number)
+    draws = _Draws(law.arguments, tuple(cases), max_examples, number)
     sample = replace(draws, max_examples=min(max_examples, 100))._kept()
     untaken = sum(not _are_taken(solver, arguments) for arguments in sample)
     return (draws, 0) if 2 * untaken <= len(sample) else (replace(draws, solver=solver), untaken)

@@ -42,9 +42,12 @@ def hoffman_constant(problem: DirectionProblem) -> float:
     Source: Cauchy's interlacing theorem; Horn & Johnson, Matrix Analysis, Theorem 7.3.9.
     """
     rows = unit_rows(euclidean(problem).jacobian).jacobian[(problem.bound > -np.inf) & problem.jacobian.any(axis=1)]
-    if len(rows) < 2:
-        return 1.0
-    rows = np.linalg.qr(rows.T)[1].T  # the same angles in at most m coordinates
+    return 1.0 if len(rows) < 2 else _constant_of(rows.tobytes(), *rows.shape)
+
+
+@lru_cache(maxsize=8)  # by the rows: a law asks about one set of them, in several problems, several times
+def _constant_of(numbers: bytes, m: int, n: int) -> float:
+    rows = np.linalg.qr(np.frombuffer(numbers).reshape(m, n).T)[1].T  # the same angles in at most m coordinates
     values = np.linalg.svd(rows, compute_uv=False)
     rank = int((values > RANK_TOLERANCE).sum())
     if rank == len(rows):

@@ -182,14 +182,15 @@ def check_law(
     """
     tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
     try:
-        if not law.applies_to(solver):
+        cases = law.applies_to(solver)
+        if not cases:
             return CheckResult(law.name, law.statement, supported=False)
     except LawBroken as broken:  # by `supports`, on the first problem that it was asked about
         expected, failed = int(bool(reason)), int(not reason)
         return CheckResult(
             law.name, law.statement, run=1, expected=expected, failed=failed, reason=reason, problem=str(broken)
         )
-    found = examine(law, solver, max_examples=max_examples, number=seed)
+    found = examine(law, solver, cases, max_examples=max_examples, number=seed)
     problem = found.message or _declined_too_often(law, solver, found)
     if not problem and found.run == 0:
         if law.about_infeasible or found.untaken < found.skipped:  # the law says nothing about any that it takes
