@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS
+from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
+from cpgrl_opt.comparison.exact import exact_answer
+from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.testing import LAWS, FunctionSolver
 from cpgrl_opt.testing.examination import first_break
 from rl.experiments.solver_cases import cases
@@ -52,6 +55,29 @@ def test_each_command_makes_its_own_environment_with_pip_alone(marker, program):
     assert venv, f"the command should make its own environment; found {command[1]!r}"
     assert f"{venv[1]}/bin/{program.split()[0]}" in command[1]
     assert program in command[1]
+
+
+def test_it_says_that_restoring_in_a_ball_is_not_cpo_for_as_long_as_it_is_not():
+    """A constraint that is met with slack 0.05 holds CPO back, and not the step."""
+    gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
+    step = ConstrainedStep(formulation="restoring", step_size=1.0, restoration_rate=1.0, radius=1.0)
+    ours = step(Linearization([0.0, slack], [gradient, *row]), [0.0]).change
+    cpo = SOLVERS["active-set"].solve(DirectionProblem(gradient, row, -slack, radius=1.0))
+    assert np.allclose(ours, cpo.value) == ("is not CPO" not in " ".join(README.split()))
+
+
+def test_it_says_how_far_off_a_certified_answer_may_be():
+    """1e-12 rad from opposing; where it said "an eighth" there were 38 %."""
+    said = re.search(r"`active-set` is exact at 1e-10 rad, and up to (\d+) % off at 1e-12", README)
+    assert said
+    problems = [FAMILIES["opposing-1e-12"].problem(k, 0) for k in range(60)]
+    found = [(problem, exact_answer(problem), SOLVERS["active-set"].solve(problem)) for problem in problems]
+    off = [
+        np.linalg.norm(answer.value - exact.direction) / np.linalg.norm(problem.gradient)
+        for problem, exact, answer in found
+        if exact.feasible and answer.status == Status.OPTIMAL
+    ]
+    assert 0.25 * int(said[1]) / 100 < max(off) <= int(said[1]) / 100
 
 
 @pytest.mark.parametrize("name", re.findall(r"\]\(([^):]+)\)", README))
