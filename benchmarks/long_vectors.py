@@ -342,8 +342,8 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float, bool]]) -> str:
-    """The tables with what they were measured on."""
+def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float, bool]], load: float) -> str:
+    """The tables with what they were measured on; load: processes that ran at the start."""
     import numba
 
     threads = os.environ.get("OMP_NUM_THREADS")
@@ -363,7 +363,8 @@ def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float,
         f"these; medians; {said}. Rungs: of the direction; of rows near opposing. Failures: {failures}.\n\n"
         f"{table(rows)}\n\n| | bar | measured | |\n|---|--:|--:|---|\n{kept}\n\n"
         f"Beside TorchJD: {(torchjd and chr(10) + chr(10) + torchjd) or '– (not installed)'}\n\n"
-        f"{os.cpu_count()} cores, {platform.machine()} {platform.system()}; {versions}. "
+        f"{os.cpu_count()} cores, {platform.machine()} {platform.system()}, {load:.1f} processes busy at the start; "
+        f"{versions}. "
         "Command: `OMP_NUM_THREADS=1 python benchmarks/long_vectors.py --out benchmarks/results`; what is measured, "
         "and limitations, at its head.\n"
     )
@@ -387,7 +388,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--parameters", type=numbers, default=[100_000, 1_000_000, 10_000_000], help="n, by commas")
     parser.add_argument("--constraints", type=numbers, default=[1, 5, 31, 50], help="m, by commas")
-    parser.add_argument("--most", type=float, default=3.3e8, help="numbers in g and J: 2.6 GB, held three times over")
+    parser.add_argument("--most", type=float, default=1e8, help="numbers in g and J: 0.8 GB, held two or three times")
     parser.add_argument("--scale", type=float, default=1.0, help="times the usual number of repeats (1: some minutes)")
     parser.add_argument("--memory-parameters", type=int, default=10_000_000, help="n of what memory is measured of")
     parser.add_argument("--memory-of", help=argparse.SUPPRESS)  # n,m,rung in this process
@@ -400,12 +401,13 @@ def main() -> None:
     if os.environ.get("OMP_NUM_THREADS") != "1":
         print("OMP_NUM_THREADS should be 1 before Python starts: BLAS may use several threads", file=sys.stderr)
     sizes = [(n, m) for n in arguments.parameters for m in arguments.constraints if n * (1 + m) <= arguments.most]
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
     at_memory = [m for m in (1, 5, 31) if m in arguments.constraints]
     memories = [memory(arguments.memory_parameters, m, rung) for rung in ("gramian", "pairs") for m in at_memory]
     rows = [row for n, m in sizes for row in measure(n, m, arguments.scale)]
     shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
     beside = beside_torchjd([n for n in (1_000, 100_000, 1_000_000) if n <= max(arguments.parameters)], arguments.scale)
-    said = page(rows, beside, verdicts(rows, shares, memories))
+    said = page(rows, beside, verdicts(rows, shares, memories), load)
     print(said)
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)
