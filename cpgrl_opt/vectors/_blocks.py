@@ -328,18 +328,15 @@ def combine_columns(gradient: Any, columns: Any, weights: Any, forces: Any, out:
         _combine_columns_block(gradient, columns, weights, forces, start, d, sums)
 
 
-@_entry("Array(f8, 1, 'A', readonly=True)", "Array(f8, 2, 'A', readonly=True)", "i8", "f8[:, ::1]")
-def pack(gradient: Any, jacobian: Any, start: int, out: Any) -> None:
-    """Copies columns from `start` on, of any strides; down the columns where these are contiguous."""
-    count, width = out.shape
-    for t in range(width):
-        out[0, t] = gradient[start + t]
-    part = jacobian[:, start : start + width]
-    if part.strides[0] * part.strides[0] < part.strides[1] * part.strides[1]:
-        for t in range(width):
-            for i in range(1, count):
-                out[i, t] = part[i - 1, t]
+@_entry("Array(f8, 2, 'A', readonly=True)", "f8[:, ::1]")
+def pack(rows: Any, out: Any) -> None:
+    """Copies rows of any strides; down the columns where these are contiguous."""
+    m, n = rows.shape
+    if rows.strides[0] * rows.strides[0] < rows.strides[1] * rows.strides[1]:
+        for t in range(n):
+            for i in range(m):
+                out[i, t] = rows[i, t]
     else:
-        for i in range(1, count):
-            for t in range(width):
-                out[i, t] = part[i - 1, t]
+        for i in range(m):
+            for t in range(n):
+                out[i, t] = rows[i, t]

@@ -12,11 +12,10 @@ from ..compensated import Pair
 from ..validation import is_finite
 from .interface import Certificate
 
-# Numbers copied at a time where rows are not contiguous: they fit the second-level cache, where the passes find them
-# again. Rows of them begin an odd number of cache lines apart: with a power of two all rows compete for the same few
-# lines of the first-level cache, and 31 rows take four times as long.
-_CHUNK, _LINE, _FEWEST = 50_000, 8, 17
-
+# Numbers copied at a time where rows are not contiguous or lie apart: 1.6 MB, which the passes find again in a cache;
+# with a quarter of it Python's loop over rows apart counts. Rows of the copy begin an odd number of cache lines apart:
+# with a power of two all compete for the same few lines of the first-level cache, and 31 rows take four times as long.
+_CHUNK, _LINE, _FEWEST = 200_000, 8, 17
 
 # Products in the Gramian below which to solve on the rows themselves is faster than Python's part of a reduction, which
 # takes 0.2 ms: the two meet at n = 20 000 with five constraints, at 1000 with fifty.
@@ -118,18 +117,15 @@ class ArrayVectors:
             return
         lines = max(_CHUNK // (1 + len(J)) // _LINE, _FEWEST)  # of a row at a time
         size = (lines - 1 + lines % 2) * _LINE
-        buffer = np.empty((1 + len(J), min(size, n)))
+        buffer = np.empty((len(J), min(size, n)))
         for start in range(0, n, size):
-            part, columns = (
-                buffer if start + size <= n else np.empty((1 + len(J), n - start)),
-                slice(start, start + size),
-            )
+            columns, part = slice(start, start + size), buffer if start + size <= n else np.empty((len(J), n - start))
             if isinstance(J, tuple):
-                for to, row in zip(part, (g, *J), strict=True):
+                for to, row in zip(part, J, strict=True):
                     to[:] = row[columns]
             else:
-                _blocks().pack(g, J, start, part)
-            yield part[0], part[1:], columns
+                _blocks().pack(J[:, columns], part)
+            yield np.ascontiguousarray(g[columns]), part, columns
 
 
 def _certificate(sums: np.ndarray) -> Certificate:

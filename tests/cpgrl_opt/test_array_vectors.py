@@ -18,7 +18,7 @@ STORAGES: dict[str, Callable[[np.ndarray], np.ndarray | tuple[np.ndarray, ...]]]
     "columns backwards": lambda J: np.asfortranarray(J[:, ::-1])[:, ::-1],
 }
 # Parts of threes of rows, of a block of columns, and of what is copied at a time.
-SHAPES = [(0, 5), (1, 1), (2, 1024), (3, 1025), (4, 2047), (5, 20_000), (7, 15_001), (31, 3000)]
+SHAPES = [(0, 5), (1, 1), (2, 1024), (3, 1025), (4, 2047), (5, 67_000), (7, 15_001), (31, 13_000)]
 
 
 def drawn(m: int, n: int) -> tuple[np.random.Generator, np.ndarray]:
