@@ -82,7 +82,10 @@ def contradiction(problem: Problem, value: Floats) -> Answer | None:
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0.0) & (problem.bound > -inf)
     bound = np.where(on, rows.per_length(problem.bound), 0.0)
-    lack = bound - rows.jacobian @ value
+    if not bound.any():
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        lack = bound - rows.jacobian @ value
     missed = np.where(problem.equality, np.abs(lack), lack) > MISSED * np.abs(bound)
     for size in np.unique(np.abs(bound[on & missed & (bound != 0.0)])):
         near = on & (np.abs(bound) <= _SIZE * size)
