@@ -249,7 +249,7 @@ def peak() -> float:
 
 def memory_here(n: int, m: int, rung: str) -> Memory:
     """Of this process, which should be new: a short problem loads all code before."""
-    short = drawn(max(8 * (1 + m), 1_100_000 // (1 + m) ** 2), m)
+    short = drawn(max(8 * (1 + m), 1_100_000 // ((1 + m) * max(10, 1 + m))), m)
     data = drawn(n, m)
     for each in (short, data):
         if rung == "pairs":

@@ -41,8 +41,8 @@ class DirectionProblem:
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
     for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, None for the identity;
     radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only; but long g and J, with
-    n (1 + m)² ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave them alone as long as
-    the problem is in use.
+    n (1 + m) max(10, 1 + m) ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave them
+    alone as long as the problem is in use.
     Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, no numbers, masked entries.
     """
 

@@ -17,14 +17,14 @@ from .interface import Certificate
 # with a power of two all compete for the same few lines of the first-level cache, and 31 rows take four times as long.
 _CHUNK, _LINE, _FEWEST = 200_000, 8, 17
 
-# Products in the Gramian below which to solve on the rows themselves is faster than Python's part of a reduction, which
-# takes 0.2 ms: the two meet at n = 20 000 with five constraints, at 1000 with fifty.
+# Below this the rows themselves are solved on faster than Python's part of a reduction takes, 0.2 ms. The two meet at
+# n = 20 000 with one constraint and with five, at 3000 with fifteen, at 1000 with fifty.
 LEAST_PRODUCTS = 1_000_000
 
 
 def is_long(m: int, n: int) -> bool:
-    """Whether a problem is reduced to the span of its vectors first: n (1 + m)² ≥ 10⁶ and n > 4 (1 + m)."""
-    return n * (1 + m) ** 2 >= LEAST_PRODUCTS and n > 4 * (1 + m)
+    """Whether a problem is reduced to its vectors' span first: n (1 + m) max(10, 1 + m) ≥ 10⁶ and n > 4 (1 + m)."""
+    return n * (1 + m) * max(10, 1 + m) >= LEAST_PRODUCTS and n > 4 * (1 + m)
 
 
 @cache

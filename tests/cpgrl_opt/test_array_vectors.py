@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt.compensated import Pair
-from cpgrl_opt.vectors import ArrayVectors
+from cpgrl_opt.vectors import ArrayVectors, is_long
 
 STORAGES: dict[str, Callable[[np.ndarray], np.ndarray | tuple[np.ndarray, ...]]] = {
     "row by row": np.ascontiguousarray,
@@ -65,3 +65,16 @@ def test_what_no_weight_asks_for_is_left_out_of_d() -> None:
     d, certificate = ArrayVectors(V[0], V[1:]).combine(Pair(np.array([1.0, 2.0, 0.0]), np.zeros(3)), np.array([2.0, 0]))
     np.testing.assert_array_equal(d, np.full(2000, 3.0))
     assert certificate.rest == 0.0
+
+
+@pytest.mark.parametrize(
+    ("m", "n", "is_it"),
+    [(1, 49_999, False), (1, 50_000, True), (5, 16_666, False), (5, 16_667, True), (50, 384, False), (50, 385, True)],
+)
+def test_a_problem_is_long_where_it_is_solved_faster_in_coordinates(m: int, n: int, is_it: bool) -> None:
+    assert is_long(m, n) == is_it
+
+
+def test_what_has_nearly_as_many_rows_as_parameters_is_never_long() -> None:
+    assert not is_long(5000, 20_004)
+    assert is_long(5000, 20_005)
