@@ -1,5 +1,6 @@
 """The answer to a direction problem: a direction, its multipliers, and a status that is advice."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -33,8 +34,8 @@ class Status(IntEnum):
 _ADVICE = {
     Status.OPTIMAL: "the optimum; every KKT residual is within the solver's tolerance.",
     Status.INFEASIBLE: (
-        "no direction meets all constraints, or none shorter than bᵀy/‖Jᵀy‖, as a rule 1e13 times the bounds; the "
-        "value violates them least, and the multipliers y prove it (Farkas). "
+        "no direction meets all constraints, or none shorter than bᵀy/‖Jᵀy‖, usually 1e13 times the bounds. The value "
+        "violates them least; the multipliers y prove it (Farkas). "
         "Lower the thresholds or the restoration rate, or drop a constraint."
     ),
     Status.UNCERTIFIED: (
@@ -63,8 +64,9 @@ class KKTResiduals:
 
     @property
     def worst(self) -> float:
-        """The largest of the four."""
-        return max(self.stationarity, self.primal, self.dual, self.complementarity)
+        """The largest of the four; infinite where one is NaN, which `max` would hide."""
+        parts = (self.stationarity, self.primal, self.dual, self.complementarity)
+        return max(parts) if all(part == part for part in parts) else math.inf
 
 
 class DirectionError(RuntimeError):

@@ -159,9 +159,11 @@ def certified_residuals(
     multipliers: Multipliers,
     lengths: Float[np.ndarray, "channels"],
 ) -> KKTResiduals:
-    """The residuals of a certificate; infinite where a number leaves float64, or rounding of μ could hide an error.
+    """The residuals of a certificate; infinite where a number leaves float64, or μ is too large to tell.
 
-    lengths: of g and of each row, 0 for what is 0 or off.
+    Of a d that was combined of the vectors themselves, or with small multipliers: what rounding of μ is allowed is not
+    split into what lies in the span of the rows and what does not. lengths: of g and of each row, 0 for what is 0 or
+    off.
     """
     sigma = max(float(lengths[0]), certificate.length)
     numbers = (sigma, certificate.length, certificate.rest, *certificate.products)
@@ -175,7 +177,8 @@ def certified_residuals(
     with np.errstate(over="ignore", invalid="ignore"):
         mu = np.where(is_zero, 0.0, multipliers * rows / sigma)
         slack = (certificate.products - problem.bound) / rows / sigma
-    slack[is_zero & (problem.bound != 0.0)] *= np.inf
+    asks = is_zero & (problem.bound != 0.0)
+    slack[asks] = np.where(problem.equality | (problem.bound > 0.0), -np.inf, np.inf)[asks]
     allowance = 8 * _EPS * _total(mu)
     if not allowance < _ALLOWED:
         return _HOPELESS

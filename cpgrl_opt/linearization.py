@@ -39,6 +39,10 @@ class Linearization:
         if not (self.is_long and all(vectors.are_finite() for vectors in self.vectors)):
             require_finite("gradients", gradients)
 
+    def __reduce__(self) -> tuple[type["Linearization"], tuple[object, ...]]:
+        # Without the vectors, which are the gradients once more.
+        return Linearization, (self.values, self.gradients)
+
     @property
     def is_long(self) -> bool:
         """Whether a step first reduces the gradients to their span."""

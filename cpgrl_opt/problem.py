@@ -105,6 +105,9 @@ class DirectionProblem:
             vars(self).update(jacobian=stacked)
             return stacked
 
+    def __copy__(self) -> "DirectionProblem":
+        return self.copied()
+
     @classmethod
     def trusted(cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask) -> "DirectionProblem":
         """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
@@ -130,7 +133,7 @@ class DirectionProblem:
     def vectors(self) -> ArrayVectors:
         """g and the rows, as the reduction to their span looks at them; keeps their inner products.
 
-        Of other arrays than before, where somebody put such in spite of all; whoever does may put NaN there too.
+        Made anew where `gradient` or `jacobian` was replaced in spite of all; the new arrays are not checked.
         """
         vectors: ArrayVectors | None = vars(self).get("_vectors")
         rows = vars(self).get("jacobian", vectors and vectors.jacobian)  # not there: rows apart

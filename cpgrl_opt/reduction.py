@@ -15,7 +15,7 @@ Source: Golub & Van Loan, Matrix Computations, §4.2 and §5.3; with pivoting: H
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,17 @@ _DEPENDENT = 1e-12
 _LEAST, _MOST = 1e-280, 1e280
 
 
+def _silent(function: Any) -> Any:
+    """What leaves float64 on the way is found at the end: no warning, whatever the caller's `np.errstate`."""
+
+    @wraps(function)
+    def silenced(*arguments: Any, **named: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*arguments, **named)
+
+    return silenced
+
+
 @dataclass(frozen=True, eq=False)
 class Coordinates:
     """g and J in the coordinates of Q: gradient (k,), jacobian (m, k), k = 1 + m; rows that are off are 0.
@@ -61,6 +72,7 @@ class Coordinates:
     rung: str
     gramian: Pair
 
+    @_silent
     def weights(self, x: Float[np.ndarray, "k"]) -> Pair:
         """(a, w) with a g + Jᵀw = Qᵀx, (1 + m,); a = 1 exactly where x keeps g's part outside the span of the rows."""
         weights, rank = _zeros(self.scales.shape), len(self.basis)
@@ -78,6 +90,7 @@ class Coordinates:
         weights.hi[0] = a
         return weights
 
+    @_silent
     def refine(self, multipliers: Float[np.ndarray, "m"], bound: Float[np.ndarray, "m"]) -> Pair:
         """w = (1, μ) of the d on the face that the multipliers name, J_A d = b_A; by iterative refinement.
 
@@ -99,6 +112,7 @@ class Coordinates:
             part[named] = found * (unit / scales)
         return weights
 
+    @_silent
     def holds(self, x: Float[np.ndarray, "k"], certificate: Certificate, unit: float) -> bool:
         """Whether J d and ‖d‖ of the vectors' own d are those of x to 1e-12 unit: what x proves, d proves too."""
         on = self.lengths[1:] > 0.0
@@ -107,16 +121,19 @@ class Coordinates:
         return bool(max(apart.max(initial=0.0), length) <= EXACT * unit)
 
 
+@_silent
 def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear: float = _CLEAR) -> Coordinates | None:
     """Of g and the rows that are on; None where the rung is not exact enough, or a square leaves float64.
 
     clear: the least 1/‖L⁻¹‖_F² that "pairs" takes, L of rows that do not depend on each other.
     """
-    K = _pair(vectors.gramian()) if rung == "gramian" else vectors.gramian_in_pairs()
+    K = _pair(vectors.gramian().copy()) if rung == "gramian" else vectors.gramian_in_pairs()
     scales, lengths = np.empty(len(K.hi)), np.empty(len(K.hi))
     if not _compiled().measure(K.hi, on, _LEAST, _MOST, scales, lengths):
         return None
-    for i in np.flatnonzero(lengths == 0.0).tolist():
+    off = np.flatnonzero(lengths == 0.0)
+    K.hi[off], K.hi[:, off], K.lo[off], K.lo[:, off] = 0.0, 0.0, 0.0, 0.0
+    for i in off.tolist():
         if (i == 0 or on[i - 1]) and not vectors.is_zero(i):
             return None
     if rung == "gramian":

@@ -19,6 +19,7 @@ from .problem import DirectionProblem, lengths
 
 # Beyond it 106 bits leave less than 1e-10 of r: then rational arithmetic, at 10 µs a number.
 _MOST_IN_PAIRS = 2.0**60
+_MOST_IN_RATIONALS = 100_000
 _RANK = 1e-13  # singular values of unit rows below this are rounding
 
 
@@ -26,8 +27,11 @@ def exact_rest(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: flo
     """r / unit, (n,), where M = I; infinite where it leaves float64."""
     with np.errstate(over="ignore", invalid="ignore"):
         forces = mu / unit * np.abs(problem.jacobian).max(axis=1, initial=0.0)
-    in_pairs = np.abs(forces).max(initial=0.0) < _MOST_IN_PAIRS
-    return (_rest_in_pairs if in_pairs else _rest_in_rationals)(problem, d, mu, kappa, unit)
+    if np.abs(forces).max(initial=0.0) < _MOST_IN_PAIRS:
+        return _rest_in_pairs(problem, d, mu, kappa, unit)
+    if problem.jacobian.size > _MOST_IN_RATIONALS:  # minutes, for what no solver that is right answers
+        return np.full(problem.n, np.inf)
+    return _rest_in_rationals(problem, d, mu, kappa, unit)
 
 
 def _rest_in_pairs(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, unit: float) -> Vector:

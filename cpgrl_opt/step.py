@@ -180,8 +180,8 @@ class ConstrainedStep(ReadOnlyArrays):
         """The change of θ that climbs Δ¹ while the active constraints hold or are restored.
 
         thresholds: (m,), Gⁱ. previous: the last result's `active`, for rules with memory. observe: sees every
-        subproblem with its answer. Raises ValueError when thresholds do not fit, DirectionError if so set,
-        FloatingPointError where rates times directions overflow.
+        subproblem with its answer; for long gradients run by run, in 1 + m coordinates. Raises ValueError when
+        thresholds do not fit, DirectionError if so set, FloatingPointError where rates times directions overflow.
         """
         limits = real_values("thresholds", thresholds)
         require_shape("thresholds", limits, (linearization.gradients.shape[-2] - 1,))
@@ -252,9 +252,10 @@ class ConstrainedStep(ReadOnlyArrays):
             slack.reshape(count, channels - 1),
             active.reshape(count, channels - 1),
         )
-        if observe is None and self._direct is not None and count > 0:  # type: ignore[attr-defined]
+        direct = vars(self).get("_direct")  # not there in steps that were pickled before it was
+        if observe is None and direct is not None and count > 0:
             change, flat = np.empty((count, n)), np.empty(count, np.int64)
-            if direct_step().move(*stacked, *self._direct, flat, change):  # type: ignore[attr-defined]
+            if direct_step().move(*stacked, *direct, flat, change):
                 counts = dict.fromkeys(_COUNTS, _nothing(runs))
                 counts["flat"] = flat.reshape(runs)
                 return StepResult(change.reshape(*runs, n), active, np.zeros(runs, np.bool_), counts)

@@ -6,6 +6,8 @@ Importing this module imports numba. Arrays are C-contiguous; every output is pa
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from .machine_code import compiled
 
 _MATRIX, _CUBE, _MASK = "float64[:, ::1]", "float64[:, :, ::1]", "boolean[:, ::1]"
@@ -69,7 +71,7 @@ def fill_problems(
 
 @_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]", returns="boolean")
 def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any) -> Any:
-    """Whether max |s| ≤ relative · max |Δ¹|, by run, and whether any is; max-norms neither over- nor underflow."""
+    """Whether ‖s‖ ≤ relative · ‖Δ¹‖, by run, and whether any is; the largest entry first, as squares may overflow."""
     runs, n = tangent.shape
     found = False
     for b in range(runs):
@@ -77,6 +79,12 @@ def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any
         for j in range(n):
             largest = max(largest, abs(tangent[b, j]))
             limit = max(limit, abs(gradients[b, 0, j]))
+        if largest > 0.0 and limit > 0.0:
+            squares, square = 0.0, 0.0
+            for j in range(n):
+                squares += (tangent[b, j] / largest) ** 2
+                square += (gradients[b, 0, j] / limit) ** 2
+            largest, limit = largest * np.sqrt(squares), limit * np.sqrt(square)
         vanishing[b] = largest <= relative * limit
         found = found or vanishing[b]
     return found

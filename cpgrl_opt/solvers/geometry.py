@@ -122,7 +122,8 @@ class WithGeometry:
 
 def without_geometry(problem: DirectionProblem) -> DirectionProblem:
     """The same arrays, Euclidean and without a ball."""
-    return DirectionProblem.trusted(problem.gradient, problem.jacobian, problem.bound, problem.equality)
+    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
+    return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
 
 
 def solve_transformed(solve: Solve, problem: DirectionProblem, tolerance: float) -> Direction:

@@ -39,6 +39,13 @@ class LeastViolation:
 
 def least_violation(problem: DirectionProblem) -> LeastViolation | None:
     """The least violation where it is proven to exceed 1e-9 (or a zero row asks for something), else None."""
+    if not problem.jacobian.flags.c_contiguous:  # a long problem's may lie anyhow
+        problem = DirectionProblem.trusted(
+            np.ascontiguousarray(problem.gradient),
+            np.ascontiguousarray(problem.jacobian),
+            problem.bound,
+            problem.equality,
+        )
     answer = solve_single(compiled_kernels().solve_cone, problem, _EXACT)
     if answer.status != Status.INFEASIBLE or not is_proven(problem, answer):
         return None

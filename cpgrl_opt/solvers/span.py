@@ -38,17 +38,17 @@ def solve_in_span(
                 worst = residuals.worst
                 if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
                     return replace(found, value=value, multipliers=multipliers, rung=rung, residuals=residuals)
-        elif rung == RUNGS[-1] or found.status in _SETTLED:
+        elif found.status in _SETTLED:
             value, certificate = vectors.combine(small.weights(found.value), found.multipliers)
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
             if small.holds(found.value, certificate, unit):
                 return replace(found, value=value, rung=rung)
     g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
-    return solve(DirectionProblem.trusted(g, J, problem.bound, problem.equality))
+    return replace(solve(DirectionProblem.trusted(g, J, problem.bound, problem.equality)), rung="rows")
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:
-    """Weights and multipliers: mended on the face that the answer names, where that is needed; and as they are."""
+    """Weights and multipliers: refined on the face that the answer names (pairs only), then as they are."""
     if small.rung == RUNGS[-1]:
         weights = small.refine(found.multipliers, problem.bound)
         yield weights, weights.hi[1:]

@@ -56,6 +56,8 @@ class CVXPY(CheckedSettings):
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """The directions of problems of one shape, one after the other, compiled once."""
         first = problems[0]
+        if is_long(first.m, first.n):
+            return DirectionBatch.stack([self.solve(problem) for problem in problems])
         session = self.session(first.n, first.m)
         return DirectionBatch.stack([session.solve(problem) for problem in problems])
 

@@ -1,4 +1,4 @@
-"""Compiled passes over g and the rows of J, 1024 columns at a time: each reads them once and needs no copy of them.
+"""Compiled passes over g and the rows of J, block by block; only arrays of other strides are copied, a part at a time.
 
     gramian              K = V Vᵀ,  V = [g; J]
     gramian_in_pairs     the same with 106 bits: K = hi + lo
@@ -21,6 +21,7 @@ from numba import njit
 from ..machine_code import compiled
 
 _BLOCK = 1024  # six rows of it fit the first-level cache twice
+_MOST_SUMS = 2_000_000  # in pairs, 32 MB: many rows get fewer lanes
 _LANES = 256  # sums in pairs run side by side in so many lanes, so that the processor's vectors are full
 _HALVES = 134217729.0  # 2²⁷ + 1 splits 53 bits in two halves
 _VECTOR, _ROWS = "Array(f8, 1, 'C', readonly=True)", "Array(f8, 2, 'C', readonly=True)"
@@ -212,10 +213,11 @@ def _sum_pairs(total: Any, rest: Any) -> tuple[float, float]:
 @_entry(_VECTOR, _ROWS, "f8[:, ::1]", "f8[:, ::1]")
 def gramian_in_pairs(gradient: Any, jacobian: Any, out: Any, out_low: Any) -> None:
     count, n = 1 + jacobian.shape[0], gradient.shape[0]
-    high, low = np.empty((count, _LANES)), np.empty((count, _LANES))
-    totals, rests = np.zeros((count, count, _LANES)), np.zeros((count, count, _LANES))
-    for start in range(0, n, _LANES):
-        end = min(start + _LANES, n)
+    lanes = max(8, min(_LANES, _MOST_SUMS // (count * count) // 8 * 8))
+    high, low = np.empty((count, lanes)), np.empty((count, lanes))
+    totals, rests = np.zeros((count, count, lanes)), np.zeros((count, count, lanes))
+    for start in range(0, n, lanes):
+        end = min(start + lanes, n)
         width = end - start
         for i in range(count):
             x = _row(gradient, jacobian, i, start, end)
