@@ -167,8 +167,6 @@ def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float) -> tuple[Pair, 
         row = left[int(np.argmax(K.hi[left, left]))]
         if not K.hi[row, row] > _RANK:
             break
-        if K.hi[row, row] < clear:
-            return None
         smallest = min(smallest, K.hi[row, row])
         K = _eliminate(K, row, factor, len(basis))
         left.remove(row)

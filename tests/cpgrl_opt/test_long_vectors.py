@@ -386,6 +386,7 @@ def test_a_long_problem_survives_pickling_read_only():
 CHANGES = {
     "doubled": lambda V: np.multiply(V, 2.0, out=V),
     "one row shorter": lambda V: np.multiply(V[2], 1e-3, out=V[2]),
+    "one row much shorter": lambda V: np.multiply(V[2], 1e-11, out=V[2]),
     "one row turned": lambda V: np.copyto(V[2], WIDE[7]),
     "one number": lambda V: np.copyto(V[1, :1], 3.0),
     "last digits": lambda V: np.multiply(V, 1.0 + 1e-7 * WIDE[:4], out=V),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cpgrl_opt import DirectionProblem
 from cpgrl_opt.compensated import Pair
-from cpgrl_opt.reduction import EXACT, RUNGS, coordinates
+from cpgrl_opt.reduction import RUNGS, coordinates
 from cpgrl_opt.vectors import ArrayVectors, Certificate
 from cpgrl_opt.vectors import _numpy as array_vectors
 
@@ -41,11 +41,14 @@ def near_span(epsilon, *, n=40, seed=0):
 
 
 def kahan(m, c=0.54):
-    """Rows whose triangle has pivots sⁱ, and a least singular value far below all of them. Kahan 1966."""
+    """Rows whose triangle has pivots sⁱ, and a least singular value far below all of them. Kahan 1966.
+
+    Each a little shorter than the one before, so that pivoting takes them in this order.
+    """
     n = 4 * (1 + m) + 1
     basis = np.linalg.qr(np.random.default_rng(m).standard_normal((n, 1 + m)))[0].T
     triangle = np.diag(np.sqrt(1 - c * c) ** np.arange(m)) @ (np.eye(m) - c * np.triu(np.ones((m, m)), 1))
-    return basis.sum(axis=0), triangle.T @ basis[:m]
+    return basis.sum(axis=0), np.linspace(0.99, 0.9, m)[:, None] * (triangle.T @ basis[:m])
 
 
 def found(g, rows, rung, on=None):
@@ -112,6 +115,26 @@ def test_a_zero_gradient_and_zero_rows_have_no_coordinates():
         assert not small.gradient.any()
         assert not small.jacobian[0].any()
         assert small.weights(np.array([2.0, 0.0, 0.0])).rounded() == pytest.approx([0.0, 0.0, 2.0 / np.sqrt(30.0)])
+
+
+def test_multipliers_of_rows_that_depend_are_refined_together():
+    """Three rows that sum to 0, all named: the equations have many solutions, and one direction."""
+    rows = np.array([[1.0, 2.0, -1.0, 0.0], [0.0, 1.0, 3.0, -2.0], [-1.0, -3.0, -2.0, 2.0]]) @ np.eye(4, 30)
+    g, bound = np.arange(30.0), np.array([1.0, 2.0, -3.0])
+    w = exactly(found(g, rows, "pairs").refine(np.ones(3), bound))
+    d = w @ rational(np.vstack([g, rows]))
+    assert w[0] == 1
+    assert np.abs(rational(rows) @ d - rational(bound)).max() <= 1e-13  # U in float64 knows the rows' span to eps
+    assert np.abs(w).max() <= 100
+
+
+def test_refined_multipliers_have_the_digits_that_rounded_coordinates_lack():
+    g, rows = at_angle(1e-6)
+    small, bound = found(g, rows, "pairs"), np.array([0.3, -0.2])
+    V = rational(np.vstack([g, rows]))
+    K = (V @ V.T)[1:]
+    w = exactly(small.refine(np.array([1.0, 1.0]), bound))  # from anywhere
+    assert np.abs(K @ w - rational(bound)).max() <= 1e-18
 
 
 def test_rows_that_are_off_are_not_looked_at():
@@ -217,10 +240,10 @@ def test_what_coordinates_prove_of_a_direction_they_have_to_share():
     own = Certificate(0.0, small.jacobian @ x, float(np.linalg.norm(x)))
     assert small.holds(x, own, 1.0)
     for row in range(3):
-        apart = own.products + 3 * EXACT * lengths * (np.arange(3) == row)
+        apart = own.products + 3e-12 * lengths * (np.arange(3) == row)
         assert not small.holds(x, Certificate(0.0, apart, own.length), 1.0)
         assert small.holds(x, Certificate(0.0, apart, own.length), 10.0)
-    assert not small.holds(x, Certificate(0.0, own.products, own.length + 3 * EXACT), 1.0)
+    assert not small.holds(x, Certificate(0.0, own.products, own.length + 3e-12), 1.0)
 
 
 # Pairs: hi, and lo of at most half a unit in hi's last place.
