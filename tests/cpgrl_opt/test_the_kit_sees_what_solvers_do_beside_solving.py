@@ -28,6 +28,7 @@ from cpgrl_opt.testing import (
     check_time_is_in_proportion,
 )
 from cpgrl_opt.testing.examination import first_break
+from cpgrl_opt.testing.law import varied
 
 CORRECT = SOLVERS["active-set"]
 PROBLEM = DirectionProblem([1.0, -1.0], [[-1.0, 0.0]])
@@ -346,7 +347,20 @@ class NeedsMoreThanAPoint(Right):
         return answer
 
 
-@pytest.mark.parametrize("solver", [NeedsAnInterior, NeedsMoreThanAPoint])
+class NeedsMoreThanOnePoint(Right):
+    """Calls infeasible one point ≠ 0 that inequalities leave. It passed a whole default run of commit 779aebc."""
+
+    def solve(self, problem):
+        answer = CORRECT.solve(problem)
+        if answer.status == Status.OPTIMAL and problem.bound.any() and not problem.equality.any():
+            far = 1e3 * (1.0 + np.abs(answer.value).max()) * np.vstack([np.eye(problem.n), -np.eye(problem.n)])
+            others = (CORRECT.solve(varied(problem, gradient=gradient)) for gradient in far)
+            if all(np.abs(other.value - answer.value).max() < 1e-9 for other in others):
+                return Direction(answer.value, np.ones(problem.m), Status.INFEASIBLE)
+        return answer
+
+
+@pytest.mark.parametrize("solver", [NeedsAnInterior, NeedsMoreThanAPoint, NeedsMoreThanOnePoint])
 def test_a_pinched_set_that_is_called_infeasible_is_rejected(solver):
     assert breaks(solver(), "check_feasible_is_not_called_infeasible", 100)
 
