@@ -414,6 +414,15 @@ def test_arrays_that_change_under_a_problem_never_make_a_wrong_answer_optimal(ch
     assert distance(fresh, answer, right) <= 1e-9
 
 
+def test_arrays_that_change_under_a_problem_do_not_stay_infeasible():
+    problem = opposing(1.0)
+    V = np.vstack([problem.gradient, problem.jacobian])
+    problem = DirectionProblem(V[0], V[1:], problem.bound)
+    assert ACTIVE_SET.solve(problem).status == Status.INFEASIBLE
+    V[2] = WIDE[7, :90]
+    assert ACTIVE_SET.solve(problem).status == Status.OPTIMAL
+
+
 def test_arrays_put_in_the_place_of_a_problems_own_are_the_ones_looked_at():
     problem = random_problem(2)
     object.__setattr__(problem, "gradient", np.where(np.arange(problem.n) == 3, np.nan, problem.gradient))

@@ -119,13 +119,14 @@ def test_a_zero_gradient_and_zero_rows_have_no_coordinates():
 
 def test_multipliers_of_rows_that_depend_are_refined_together():
     """Three rows that sum to 0, all named: the equations have many solutions, and one direction."""
-    rows = np.array([[1.0, 2.0, -1.0, 0.0], [0.0, 1.0, 3.0, -2.0], [-1.0, -3.0, -2.0, 2.0]]) @ np.eye(4, 30)
-    g, bound = np.arange(30.0), np.array([1.0, 2.0, -3.0])
-    w = exactly(found(g, rows, "pairs").refine(np.ones(3), bound))
-    d = w @ rational(np.vstack([g, rows]))
-    assert w[0] == 1
-    assert np.abs(rational(rows) @ d - rational(bound)).max() <= 1e-13  # U in float64 knows the rows' span to eps
-    assert np.abs(w).max() <= 100
+    for seed in range(10):
+        V = np.random.default_rng(seed).integers(-1000, 1000, (4, 30)).astype(np.float64)
+        V[3] = -V[1] - V[2]
+        bound = np.array([1000.0, 2000.0, -3000.0])
+        w = exactly(found(V[0], V[1:], "pairs").refine(np.ones(3), bound))
+        assert w[0] == 1
+        assert np.abs(rational(V[1:]) @ (w @ rational(V)) - rational(bound)).max() <= 1e-9  # of 1e7
+        assert np.abs(w).max() <= 100
 
 
 def test_refined_multipliers_have_the_digits_that_rounded_coordinates_lack():

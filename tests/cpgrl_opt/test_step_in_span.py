@@ -189,3 +189,13 @@ def test_gradients_are_read_where_they_lie_and_left_as_they_are(monkeypatch):
     assert (stored == before).all()
     inside.change[:] = 0.0
     assert (stored == before).all()
+
+
+def test_gradients_that_change_under_a_linearization_step_as_they_are_then(monkeypatch):
+    """Inner products are of the old ones; J and the change that it makes are compared in both."""
+    values, V, thresholds = list(linearizations(generic))[1]
+    monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", 0)
+    linearization, step = Linearization(-np.abs(values), V), ConstrainedStep()
+    step(linearization, thresholds)
+    V[2] = V[3] + V[4] * np.arange(120)
+    require_same(step(linearization, thresholds), taken(monkeypatch, 10**18, {}, -np.abs(values), V, thresholds), V)
