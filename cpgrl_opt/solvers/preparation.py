@@ -15,11 +15,13 @@ from ..direction import Direction, Status
 from ..kkt import KKTResiduals, kkt_residuals
 from ..problem import DirectionProblem
 from .infeasibility import infeasible_direction, misses_a_bound
+from .kernels import compiled_kernels, solve_single
 from .polishing import polished
 from .reduction import BackEnd, BackEndAnswer, ScaledProblem, reduce_problem, scale_problem
 
 # A polished answer is this good; there is nothing to gain from comparing it with the back end's own.
 _EXACT = 1e-13
+_SHARP = 1e-9  # worst residual of the projection onto a face, which is judged anew
 # Feasible problems are met to rounding after polishing; a certified answer that is not may be weakly infeasible.
 _SUSPICIOUS_VIOLATION = 1e-10
 # In units of s: tried where the first attempt fails on a feasible problem.
@@ -71,8 +73,30 @@ def solve_prepared(problem: DirectionProblem, back_end: BackEnd, *, tolerance: f
 
 def judged(problem: DirectionProblem, candidate: Candidate, tolerance: float, iterations: int) -> Direction:
     """OPTIMAL within the tolerance, INFEASIBLE where that is proven, else UNCERTIFIED."""
-    attempt = Attempt(BackEndAnswer(None, None, iterations), candidate)
+    attempt = Attempt(BackEndAnswer(None, None, iterations), sharpened(problem, candidate))
     return _infeasible(problem, attempt, tolerance) or _claimed(problem, attempt, tolerance)
+
+
+def sharpened(problem: DirectionProblem, candidate: Candidate) -> Candidate:
+    """The candidate, or the projection onto its face by the exact core, whichever is better.
+
+    Unit rows are rounded, which tilts rows at an angle θ by eps/θ, and d with them; the core looks at rows as given.
+    """
+    if candidate.residuals.worst <= _EXACT:
+        return candidate
+    held = problem.equality | (candidate.multipliers != 0.0)
+    bound = np.where(held, problem.bound, -np.inf)
+    if (held & (bound == -np.inf)).any():
+        return candidate
+    face = DirectionProblem.trusted(problem.gradient, problem.jacobian, bound, held)
+    found = solve_single(compiled_kernels().solve_tangent, face, _SHARP)
+    if found.status != Status.OPTIMAL:
+        return candidate
+    others = []
+    for multipliers in (found.multipliers, candidate.multipliers):  # of dependent rows these have the right signs
+        claim = Direction(found.value, multipliers, Status.UNCERTIFIED)
+        others.append(Candidate(found.value, multipliers, kkt_residuals(problem, claim)))
+    return min(candidate, *others, key=lambda each: each.residuals.worst)
 
 
 def failure(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
@@ -138,7 +162,7 @@ def _attempt(scaled: ScaledProblem, back_end: BackEnd, polish: bool) -> Attempt:
         return Attempt(answer, None)
     candidates: list[Candidate] = []
     for point, weights in polished(scaled, d, multipliers) if polish else ():
-        candidates.append(candidate_of(scaled, point, weights))
+        candidates.append(sharpened(scaled.problem, candidate_of(scaled, point, weights)))
         if candidates[-1].residuals.worst <= _EXACT:
             return Attempt(answer, candidates[-1])
     candidates.append(candidate_of(scaled, d, multipliers))

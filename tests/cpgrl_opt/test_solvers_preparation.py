@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.direction import Status
 from cpgrl_opt.kkt import farkas_residual, kkt_residuals
 from cpgrl_opt.problem import DirectionProblem
+from cpgrl_opt.solvers import SOLVERS, is_usable
 from cpgrl_opt.solvers.factorization import pivoted_qr, solve_upper
 from cpgrl_opt.solvers.infeasibility import least_violation
 from cpgrl_opt.solvers.least_distance import least_distance
@@ -227,3 +229,18 @@ def test_a_very_low_bound_costs_the_least_violation_no_digits() -> None:
     least = least_violation(problem)
     assert least is not None
     np.testing.assert_allclose(least.direction, [0, 0.7], atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["nnls", "enumeration", "osqp", "quadprog", "daqp", "clarabel"])
+@pytest.mark.parametrize(
+    ("family", "seed"), [("opposing-1e-8", 10), ("opposing-1e-8", 0), ("parallel-1e-8-equality", 2)]
+)
+def test_polished_answers_are_those_of_the_rows_as_given(name: str, family: str, seed: int) -> None:
+    """Rounded unit rows tilt a face by eps/θ: a back end's own answer, with a smaller residual, was 1 % off."""
+    if not is_usable(SOLVERS[name]):
+        pytest.skip(f"{name} is not installed")
+    problem = FAMILIES[family].problem(0, seed)
+    answer, exact = SOLVERS[name].solve(problem), SOLVERS["active-set"].solve(problem)
+    assert answer.status in (Status.OPTIMAL, Status.UNCERTIFIED)
+    if answer.status == Status.OPTIMAL:
+        assert np.linalg.norm(answer.value - exact.value) <= 1e-9 * np.linalg.norm(problem.gradient)
