@@ -231,7 +231,7 @@ def test_a_very_low_bound_costs_the_least_violation_no_digits() -> None:
     np.testing.assert_allclose(least.direction, [0, 0.7], atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["nnls", "enumeration", "osqp", "quadprog", "daqp", "clarabel"])
+@pytest.mark.parametrize("name", ["nnls", "enumeration", "osqp", "clarabel"])
 @pytest.mark.parametrize(
     ("family", "seed"), [("opposing-1e-8", 10), ("opposing-1e-8", 0), ("parallel-1e-8-equality", 2)]
 )
@@ -241,6 +241,5 @@ def test_polished_answers_are_those_of_the_rows_as_given(name: str, family: str,
         pytest.skip(f"{name} is not installed")
     problem = FAMILIES[family].problem(0, seed)
     answer, exact = SOLVERS[name].solve(problem), SOLVERS["active-set"].solve(problem)
-    assert answer.status in (Status.OPTIMAL, Status.UNCERTIFIED)
-    if answer.status == Status.OPTIMAL:
-        assert np.linalg.norm(answer.value - exact.value) <= 1e-9 * np.linalg.norm(problem.gradient)
+    assert answer.status == Status.OPTIMAL
+    assert np.linalg.norm(answer.value - exact.value) <= 1e-9 * np.linalg.norm(problem.gradient)
