@@ -212,6 +212,7 @@ def _sum_pairs(total: Any, rest: Any) -> tuple[float, float]:
 
 @_entry(_VECTOR, _ROWS, "f8[:, ::1]", "f8[:, ::1]")
 def gramian_in_pairs(gradient: Any, jacobian: Any, out: Any, out_low: Any) -> None:
+    """The lower triangle as hi + lo, each number of 106 bits; few rows get many lanes, many rows few."""
     count, n = 1 + jacobian.shape[0], gradient.shape[0]
     lanes = max(8, min(_LANES, _MOST_SUMS // (count * count) // 8 * 8))
     high, low = np.empty((count, lanes)), np.empty((count, lanes))
@@ -270,6 +271,7 @@ def _combine_block_in_pairs(
 def combine(
     gradient: Any, jacobian: Any, weights: Any, more: Any, forces: Any, pairs: bool, out: Any, sums: Any
 ) -> None:
+    """out ← Vᵀ(weights + more), the latter only where pairs; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
     forced, left, halves = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((2, _BLOCK))
     chosen = _chosen(np.zeros_like(weights) if pairs else weights, forces)
     for start in range(0, gradient.shape[0], _BLOCK):
