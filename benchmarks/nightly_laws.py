@@ -102,7 +102,7 @@ def sources() -> str:
     Not with imports, docstrings, comments and layout: hours of measurement stay valid when a name is moved.
     """
     folder = Path(cpgrl_opt.__file__).parent
-    paths = [folder / f"{name}.py" for name in ("problem", "metric", "direction", "kkt", "projection")]
+    paths = [folder / f"{name}.py" for name in ("problem", "metric", "direction", "certify", "projection")]
     digest = hashlib.sha256()
     for path in [*paths, *sorted((folder / "solvers").rglob("*.py")), *sorted((folder / "testing").rglob("*.py"))]:
         digest.update(path.relative_to(folder).as_posix().encode() + _code(path.read_text(encoding="utf-8")).encode())

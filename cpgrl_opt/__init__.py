@@ -10,9 +10,9 @@ True
 """
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, hysteresis, violated
+from .certify import KKTResiduals, farkas_residual, kkt_residuals
 from .direction import Direction, DirectionBatch, DirectionError, Status
 from .formulation import FORMULATIONS
-from .kkt import KKTResiduals, farkas_residual, kkt_residuals
 from .linearization import Linearization
 from .problem import DirectionProblem, ProblemBatch
 from .projection import project_onto_tangent, projection_matrix, restoration_move, tangent_multipliers

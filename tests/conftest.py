@@ -60,7 +60,7 @@ jaxtyping.install_import_hook(
         "cpgrl_opt.active_set",
         "cpgrl_opt.direction",
         "cpgrl_opt.formulation",
-        "cpgrl_opt.kkt",
+        "cpgrl_opt.certify",
         "cpgrl_opt.linearization",
         "cpgrl_opt.metric",
         "cpgrl_opt.problem",

@@ -50,10 +50,10 @@ MUTATIONS = {
         "cpgrl_opt/test_step.py::test_equality_is_the_papers_update",
     ),
     "the referee has the multipliers' sign of eq. 7": Mutation(
-        "cpgrl_opt/kkt.py",
+        "cpgrl_opt/certify.py",
         "_norm(d - g - mu @ jacobian)",
         "_norm(d - g + mu @ jacobian)",
-        "cpgrl_opt/test_kkt.py",
+        "cpgrl_opt/test_certify.py",
     ),
     "the trace forgets": Mutation(
         "rl/estimators/gpomdp.py",

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..certify import excess_violation, farkas_residual, kkt_residuals
 from ..direction import Direction, Status
-from ..kkt import excess_violation, farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, lengths
 from .exact import ExactAnswer
 from .measurement import PROOF_TOLERANCE, SUCCESS_TOLERANCE, WRONG_TOLERANCE

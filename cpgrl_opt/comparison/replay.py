@@ -9,7 +9,7 @@ import numpy as np
 
 from ..answers import as_direction
 from ..arrays import Float, Int
-from ..kkt import kkt_residuals
+from ..certify import kkt_residuals
 from ..problem import DirectionProblem
 from ..solvers.asking import in_form
 from ..solvers.infeasibility import least_violation

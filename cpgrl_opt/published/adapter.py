@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Multipliers, Vector
+from ..certify import farkas_residual, proof_tolerance
 from ..direction import Direction, Status
-from ..kkt import farkas_residual, proof_tolerance
 from ..problem import DirectionProblem, lengths, unit_rows
 from ..settings import require_tolerance
 from ..solvers import SOLVERS

@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ..arrays import Jacobian, Vector
+from ..certify import farkas_residual, kkt_residuals, proof_tolerance
 from ..direction import Direction, Status
-from ..kkt import farkas_residual, kkt_residuals, proof_tolerance
 from ..problem import DirectionProblem
 from .adapter import require_finite
 

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bool, Float
+from ..certify import kkt_residuals
 from ..direction import Direction, Status
-from ..kkt import kkt_residuals
 from ..problem import DirectionProblem, lengths
 from ..projection import RANK_TOLERANCE
 from .ball_violation import least_violation_in_ball

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from ..certify import farkas_residual, kkt_residuals
 from ..direction import Direction, DirectionBatch, Status
-from ..kkt import farkas_residual, kkt_residuals
 from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
 from ..units import Units, in_units
 from ..vectors import is_long

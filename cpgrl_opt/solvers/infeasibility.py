@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Multipliers, Vector
+from ..certify import farkas_residual, least_violation_residual, violation
 from ..direction import Direction, Status
-from ..kkt import farkas_residual, least_violation_residual, violation
 from ..problem import DirectionProblem, lengths
 from .kernels import compiled_kernels, solve_single
 

@@ -6,8 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from ..arrays import Multipliers, Vector
-from ..direction import Direction, DirectionBatch, Status
-from ..kkt import (
+from ..certify import (
     excess_violation,
     farkas_residual,
     kkt_residuals,
@@ -15,6 +14,7 @@ from ..kkt import (
     violation,
     violation_tolerance,
 )
+from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
 from ..settings import require_tolerance
 from .asking import ask, ask_batch

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Multipliers, Vector
+from ..certify import KKTResiduals, kkt_residuals
 from ..direction import Direction, Status
-from ..kkt import KKTResiduals, kkt_residuals
 from ..problem import DirectionProblem
 from .infeasibility import infeasible_direction, misses_a_bound
 from .kernels import compiled_kernels, solve_single

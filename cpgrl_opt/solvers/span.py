@@ -11,9 +11,9 @@ from math import inf
 import numpy as np
 
 from ..arrays import Multipliers
+from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..kkt import certified_residuals, kkt_residuals
 from ..problem import DirectionProblem, lengths
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ..certify import farkas_residual, kkt_residuals, proof_tolerance, violation_tolerance
 from ..direction import Status
-from ..kkt import farkas_residual, kkt_residuals, proof_tolerance, violation_tolerance
 from ..problem import DirectionProblem, euclidean, unit_rows
 from ..solvers.interface import DirectionSolver, tolerance_of
 from .law import (

@@ -1,6 +1,6 @@
 """Laws of the optimum: d = g + Jᵀμ is the projection of g onto {d : Jᵢd ≥ bᵢ, Jᵢd = bᵢ on E}.
 
-ε is the solver's `tolerance` (1e-6 where it states none); residuals are the referee's (`cpgrl_opt.kkt`).
+ε is the solver's `tolerance` (1e-6 where it states none); residuals are the referee's (`cpgrl_opt.certify`).
 """
 
 from itertools import combinations
@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..kkt import kkt_residuals
+from ..certify import kkt_residuals
 from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
 from ..solvers.interface import DirectionSolver, tolerance_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import DirectionProblem, arrays
-from cpgrl_opt.kkt import violation
+from cpgrl_opt.certify import violation
 
 
 def test_the_tests_see_the_real_types():

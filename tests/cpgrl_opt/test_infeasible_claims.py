@@ -16,9 +16,9 @@ from cpgrl_opt import (
     Status,
     farkas_residual,
 )
+from cpgrl_opt.certify import excess_violation
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.comparison.judgement import judge
-from cpgrl_opt.kkt import excess_violation
 from cpgrl_opt.solvers import refereed
 from cpgrl_opt.testing import LawBroken, check_claims_are_certified, check_least_violation
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, farkas_residual
-from cpgrl_opt.kkt import least_violation_residual
+from cpgrl_opt.certify import least_violation_residual
 from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.testing import LawBroken, check_claims_are_certified, check_non_finite_is_refused
 

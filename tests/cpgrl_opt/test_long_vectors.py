@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.kkt import excess_violation, farkas_residual, violation_tolerance
+from cpgrl_opt.certify import excess_violation, farkas_residual, violation_tolerance
 from cpgrl_opt.problem import ProblemBatch, lengths
 from cpgrl_opt.solvers import is_usable, span, supports
 from cpgrl_opt.testing import check_direction_solver

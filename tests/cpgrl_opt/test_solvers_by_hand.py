@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cpgrl_opt.certify import farkas_residual, kkt_residuals
 from cpgrl_opt.direction import Direction, DirectionError, Status
-from cpgrl_opt.kkt import farkas_residual, kkt_residuals
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.solvers import (
     OSQP,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from cpgrl_opt.certify import farkas_residual, kkt_residuals
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.direction import Status
-from cpgrl_opt.kkt import farkas_residual, kkt_residuals
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.solvers import SOLVERS, is_usable
 from cpgrl_opt.solvers.factorization import pivoted_qr, solve_upper

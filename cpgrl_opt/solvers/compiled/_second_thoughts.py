@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...certify import kkt_residuals
 from ...direction import Direction, Status
-from ...kkt import kkt_residuals
 from ...problem import DirectionProblem, lengths, unit_rows
 from ..infeasibility import is_proven
 from ._direct import MISSED
