@@ -1,0 +1,166 @@
+"""How fast is training beside straight C that does the same work?
+
+The paper's first experiment (three-state MDP, CPGRL by eq. 8–10 with corrected averages, 20 runs × 100 steps an update)
+
+- by `rl.train` with the solver `active-set`: validated, every direction certified, a record for every update;
+- by `training_in_c.c`: the same words of the same random stream, the same sums, projections and restorations, and
+  nothing else; compiled here, with plain `-O2` and with everything the compiler has for this machine.
+
+Both must reach the same θ to 1e-12, or the benchmark fails: no contender leaves out work.
+
+    python benchmarks/training_in_c.py [--episodes 2000] [--out benchmarks/results]
+
+Limitations: one machine, one process, whatever else it does at the time; compilation is counted for neither. CPU
+seconds, repetitions taken in turns; ratios are within a repetition, their median is given.
+"""
+
+import argparse
+import csv
+import ctypes
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cpgrl_opt import ConstrainedStep
+from cpgrl_opt.solvers import compile_kernels
+from envs import ThreeStateMDP, random_state
+from rl import CPGRL, GPOMDP, SoftmaxTable, train, uniform_parameters
+from rl.streams import run_streams
+
+RUNS, STEPS, AGREEMENT = 20, 100, 1e-12
+SOURCE = Path(__file__).with_suffix(".c")
+FLAGS = ("-O2", "-O3 -march=native")
+MDP = np.dtype([("rewards", float, (9, 4)), ("next", np.int64, (9, 3))])  # the structures of the C file
+RUN = np.dtype([("theta", float, 9), ("rho", float, 4), ("random", np.uint64, 4)])
+
+Training = Callable[[int], np.ndarray]  # episodes → θ (RUNS, 9)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One contender's line in the table."""
+
+    method: str
+    million_steps_per_second: float  # best repetition
+    median_million_steps_per_second: float
+    microseconds_per_update: float  # median; RUNS × STEPS steps
+    our_rate_as_a_share: float  # of this one's: median over repetitions
+    farthest_theta: float  # from ours, max norm
+
+
+def ours(episodes: int) -> np.ndarray:
+    """`rl.train`; nobody looks at its records but the last."""
+    learner = CPGRL(ConstrainedStep(step_size=0.02, restoration_rate=0.02), np.zeros(3))
+    estimator = GPOMDP(trace_decay=0.99, average_rate=0.02, steps=STEPS)
+    initial = uniform_parameters(9)
+    records = train(
+        ThreeStateMDP(), SoftmaxTable(3, 3), estimator, learner, episodes=episodes, runs=RUNS, initial=initial
+    )
+    return deque(records, maxlen=1).pop().parameters
+
+
+def in_c(flags: str, folder: Path) -> Training:
+    """The C file compiled with these flags; SystemExit where there is no compiler."""
+    compiler = shutil.which(os.environ.get("CC", "cc"))
+    if compiler is None:
+        raise SystemExit(f"{os.environ.get('CC', 'cc')} should be a C compiler; found none. Install gcc or clang.")
+    library = folder / f"training{flags.replace(' ', '')}.so"
+    subprocess.run([compiler, *flags.split(), "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
+    function = ctypes.CDLL(str(library)).train
+    kernel, mdp = ThreeStateMDP().finite_kernel(), np.zeros(1, MDP)
+    mdp["rewards"] = kernel.rewards.reshape(4, 9).T
+    mdp["next"] = np.ceil(kernel.transition_cumulative * 2.0**32).reshape(9, 3)
+
+    def run(episodes: int) -> np.ndarray:
+        runs, draw = np.zeros(RUNS, RUN), uniform_parameters(9)
+        for index in range(RUNS):
+            streams = run_streams(0, index)
+            runs["theta"][index] = draw(np.random.default_rng(streams.initial))
+            runs["random"][index] = random_state(streams.episodes)
+        function(ctypes.c_void_p(mdp.ctypes.data), ctypes.c_void_p(runs.ctypes.data), episodes)
+        theta: np.ndarray = runs["theta"]
+        return theta
+
+    return run
+
+
+def measure(episodes: int = 2000, repetitions: int = 15) -> list[Row]:
+    """Ours first, then C by flags; ValueError where they do not reach the same θ."""
+    compile_kernels()
+    seconds, thetas = {}, {}
+    with tempfile.TemporaryDirectory() as folder:
+        contenders = {"rl.train": ours} | {f"C, {flags}": in_c(flags, Path(folder)) for flags in FLAGS}
+        for run in contenders.values():
+            run(1)  # compiles, or loads from the cache
+        for _ in range(repetitions):
+            for method, run in contenders.items():
+                start = time.process_time()
+                thetas[method] = run(episodes)
+                seconds.setdefault(method, []).append(time.process_time() - start)
+    own = np.array(seconds["rl.train"])
+    rows = []
+    for method, times in seconds.items():
+        farthest = float(np.abs(thetas[method] - thetas["rl.train"]).max())
+        if not farthest <= AGREEMENT:
+            raise ValueError(f"θ of {method} and of rl.train should agree to {AGREEMENT:g}; found {farthest:g}")
+        millions = 1e-6 * RUNS * STEPS * episodes / np.array(times)
+        median = float(np.median(millions))
+        share = float(np.median(np.array(times) / own))
+        rows.append(Row(method, float(millions.max()), median, RUNS * STEPS / median, share, farthest))
+    return rows
+
+
+def report(rows: list[Row], episodes: int) -> str:
+    """The table with what it was measured on."""
+    import numba
+
+    compiler = subprocess.run([os.environ.get("CC", "cc"), "--version"], check=True, capture_output=True, text=True)
+    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
+    lines = [
+        f"| {row.method} | {row.million_steps_per_second:.3g} | {row.median_million_steps_per_second:.3g} | "
+        f"{row.microseconds_per_update:.3g} | {row.our_rate_as_a_share:.2f} | {row.farthest_theta:.1g} |"
+        for row in rows
+    ]
+    return "\n".join(
+        [
+            "# Training beside straight C\n",
+            "| | M steps/s | median | µs/update | our rate, as a share of it | θ differs by |",
+            "|---|--:|--:|--:|--:|--:|",
+            *lines,
+            f"\nThree-state MDP, {RUNS} runs × {STEPS} steps an update, {episodes} updates. One process on "
+            f"{platform.machine()} {platform.system()}; {versions}; {compiler.stdout.splitlines()[0]}. CPU time, best "
+            "and median of repetitions taken in turns. "
+            f"Command: `python benchmarks/training_in_c.py --episodes {episodes} --out benchmarks/results`.\n",
+        ]
+    )
+
+
+def main() -> None:
+    """Measure, print, and write when asked to."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=2000)
+    parser.add_argument("--repetitions", type=int, default=15)
+    parser.add_argument("--out", type=Path, help="folder for training_in_c.csv and training_in_c.md")
+    arguments = parser.parse_args()
+    rows = measure(arguments.episodes, arguments.repetitions)
+    print(report(rows, arguments.episodes))
+    if arguments.out:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        (arguments.out / "training_in_c.md").write_text(report(rows, arguments.episodes), encoding="utf-8")
+        with (arguments.out / "training_in_c.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])))
+            writer.writeheader()
+            writer.writerows(asdict(row) for row in rows)
+
+
+if __name__ == "__main__":
+    main()
