@@ -49,6 +49,8 @@ from .vectors import Certificate, is_long
 _EPS = float(np.finfo(np.float64).eps)
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
 _ROUNDED_GAIN = 8 * _EPS
+# A violation of 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
+FARKAS_TOLERANCE = 1e-6
 _SAFE_LENGTH = (1e-140, 1e140)  # of vectors whose squares neither over- nor underflow
 # Allowance from which on r is formed in twice the precision, and its part outside the span of the rows allowed nothing:
 # a tenth of the smallest tolerance that anybody asks for.
@@ -382,6 +384,14 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     gain = float((bound / unit) @ weights) - problem.radius / unit * force
     rounded = _ROUNDED_GAIN * float(np.abs(weights).sum())
     return min(residual, max(rounded, negative) / gain if gain > 0 else float("inf"))
+
+
+def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool:
+    """Whether the multipliers prove that nothing meets the constraints, and the value violates them least."""
+    return (
+        farkas_residual(problem, answer.multipliers) <= FARKAS_TOLERANCE
+        and least_violation_residual(problem, answer.value) <= FARKAS_TOLERANCE
+    )
 
 
 def _zero_row_impossible(problem: DirectionProblem, y: Multipliers) -> Mask:

@@ -52,6 +52,7 @@ class DirectionProblem:
     equality: Mask
     metric: Metric | None = None
     radius: float | None = None
+    is_long: bool = field(init=False, repr=False)  # worth the way by inner products
 
     def __init__(
         self,
@@ -71,6 +72,7 @@ class DirectionProblem:
         require_shape("gradient", g, (n,))
         if n == 0:
             raise ValueError("gradient should have at least one component; found none")
+        vars(self).update(is_long=is_long(m, n))
         if vectors is None:
             _set_fields(self, g, J, *_bounds(bound, equality, (m,)))
         else:
@@ -113,6 +115,7 @@ class DirectionProblem:
         """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         problem = object.__new__(cls)
         _set_fields(problem, gradient, jacobian, bound, equality)
+        vars(problem).update(is_long=is_long(*jacobian.shape))
         return problem
 
     def copied(self) -> "DirectionProblem":
@@ -330,7 +333,7 @@ def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_
     )
 
 
-def _arrays(of: DirectionProblem | ProblemBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _arrays(of: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return of.gradient, of.jacobian, of.bound, of.equality
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..solvers.osqp import verdict_of
-from ..solvers.reduction import BackEndAnswer, ReducedProblem
+from ..solvers.small_problem import SmallAnswer, SmallProblem
 from ..solvers.through_cvxpy import VERDICTS
 from ..solvers.through_qpsolvers import BACK_ENDS, answer_of, quadratic_program
 
@@ -24,11 +24,11 @@ RawSolve = Callable[[DirectionProblem], Direction]
 def _through_qpsolvers(name: str, problem: DirectionProblem) -> Direction:
     from qpsolvers import ProblemError, SolverError, solve_problem
 
-    whole = ReducedProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)  # nothing reduced
+    whole = SmallProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)  # nothing reduced
     try:
         solution = solve_problem(quadratic_program(whole, BACK_ENDS[name].is_sparse), name)
     except (ProblemError, SolverError):  # the library's way to decline
-        return _claimed(problem, BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+        return _claimed(problem, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR))
     return _claimed(problem, answer_of(whole, solution))
 
 
@@ -43,7 +43,7 @@ def _osqp(problem: DirectionProblem) -> Direction:
     result = workspace.solve(raise_error=False)
     verdict = verdict_of(result.info.status_val)
     certificate = result.prim_inf_cert if verdict == Status.INFEASIBLE else result.y
-    return _claimed(problem, BackEndAnswer(result.x, -np.asarray(certificate), failure=verdict))
+    return _claimed(problem, SmallAnswer(result.x, -np.asarray(certificate), failure=verdict))
 
 
 def _cvxpy(problem: DirectionProblem) -> Direction:
@@ -60,13 +60,13 @@ def _cvxpy(problem: DirectionProblem) -> Direction:
     try:
         statement.solve()
     except cvxpy.SolverError:
-        return _claimed(problem, BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+        return _claimed(problem, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR))
     multipliers = np.zeros(problem.m)
     for mask, is_equality, constraint in parts:
         if constraint.dual_value is not None:
             multipliers[mask] = (-1.0 if is_equality else 1.0) * constraint.dual_value
     verdict = VERDICTS.get(statement.status, Status.UNCERTIFIED)
-    return _claimed(problem, BackEndAnswer(d.value, multipliers, failure=verdict))
+    return _claimed(problem, SmallAnswer(d.value, multipliers, failure=verdict))
 
 
 def _nnls(problem: DirectionProblem) -> Direction:
@@ -85,13 +85,13 @@ def _nnls(problem: DirectionProblem) -> Direction:
     try:
         u, distance = nnls(matrix, target)
     except (RuntimeError, ValueError):  # too many iterations; −∞ in b
-        return _claimed(problem, BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+        return _claimed(problem, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR))
     r = matrix @ u - target
     if distance <= np.finfo(np.float64).eps:  # ‖r‖ = 0 as printed
-        return _claimed(problem, BackEndAnswer(None, _folded(u, E, problem.m), failure=Status.INFEASIBLE))
+        return _claimed(problem, SmallAnswer(None, _folded(u, E, problem.m), failure=Status.INFEASIBLE))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         point, weights = problem.gradient - r[:-1] / r[-1], _folded(-u / r[-1], E, problem.m)
-    return _claimed(problem, BackEndAnswer(point, weights))
+    return _claimed(problem, SmallAnswer(point, weights))
 
 
 def _folded(weights: np.ndarray, equalities: np.ndarray, m: int) -> np.ndarray:
@@ -101,7 +101,7 @@ def _folded(weights: np.ndarray, equalities: np.ndarray, m: int) -> np.ndarray:
     return multipliers
 
 
-def _claimed(problem: DirectionProblem, answer: BackEndAnswer) -> Direction:
+def _claimed(problem: DirectionProblem, answer: SmallAnswer) -> Direction:
     """The library's own claim; without a point or multipliers, zeros in their place."""
     point = np.zeros(problem.n) if answer.point is None else answer.point
     multipliers = np.zeros(problem.m) if answer.multipliers is None else answer.multipliers

@@ -1,7 +1,7 @@
 """Direction solvers: one file per method, one line each in SOLVERS.
 
-A new solver is a frozen dataclass of settings with `solve(problem) -> Direction` in a file here, and one line below;
-a QP back end is one function on a `ReducedProblem`, passed to `solve_prepared`.
+A new solver is a frozen dataclass of settings with a core, `solve_small(small) -> SmallAnswer`, on the base `Solver`,
+in a file here, and one line below.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from types import MappingProxyType
 from .active_set import ActiveSet
 from .asking import vouch_for
 from .enumeration import Enumeration
-from .geometry import WithGeometry
+from .exact_core import compile_kernels
 from .interface import (
     DEFAULT_TOLERANCE,
     DirectionSolver,
@@ -21,7 +21,6 @@ from .interface import (
     supports,
     tolerance_of,
 )
-from .kernels import compile_kernels
 from .nnls import NNLS
 from .osqp import OSQP
 from .packages import has_package, import_failure
@@ -29,6 +28,7 @@ from .rosen import Rosen
 from .rosen_drop import RosenDrop
 from .through_cvxpy import CVXPY
 from .through_qpsolvers import QPSolversBackend
+from .with_geometry import WithGeometry
 
 SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
     {

@@ -5,20 +5,17 @@
 The kernel scales, solves, judges its own answer with the referee's formulas, and proves infeasibility.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
-from ..settings import CheckedSettings
-from .geometry import takes_geometry
-from .kernels import compiled_kernels, solve_single, solve_stacked
+from .base import Solver
+from .exact_core import project, project_batch
 
 
-@takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class ActiveSet(CheckedSettings):
+class ActiveSet(Solver):
     """Goldfarb & Idnani's dual method in the basis of the active rows. The default.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; the method reaches 1e-12 wherever float64 allows it.
@@ -30,14 +27,10 @@ class ActiveSet(CheckedSettings):
     source: ClassVar[str] = "Goldfarb & Idnani 1983"
     guarantee: ClassVar[str] = "exact: dual active set on orthonormal rows; compiled, batched"
 
-    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
-        """Equalities, cones and bounds."""
-        return True
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
+        """The certified direction in one compiled call."""
+        return project(problem, self.tolerance)
 
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; see `Status`."""
-        return solve_single(compiled_kernels().solve_cone, problem, self.tolerance)
-
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """B problems of one shape in one compiled call, each exactly as `solve` solves it."""
-        return solve_stacked(compiled_kernels().solve_cone_batch, problems, self.tolerance)
+    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
+        """B problems in one compiled call, each exactly as alone."""
+        return project_batch(problems, self.tolerance)

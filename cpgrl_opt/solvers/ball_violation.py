@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Bool, Float
 from ..direction import Status
 from ..problem import DirectionProblem, lengths
-from .kernels import compiled_kernels, solve_single
+from .exact_core import project
 
 _CERTIFIED = 1e-9
 _EXACT = 1e-13
@@ -65,7 +65,7 @@ def _regularized(
     count, n = J.shape
     softened = np.hstack([J, np.sqrt(weight) * np.eye(count)])
     problem = DirectionProblem.trusted(np.zeros(n + count), softened, np.ascontiguousarray(b), np.ascontiguousarray(E))
-    answer = solve_single(compiled_kernels().solve_cone, problem, _CERTIFIED)
+    answer = project(problem, _CERTIFIED)
     if answer.status != Status.OPTIMAL:
         return None
     return answer.value[:n], E | (answer.multipliers > 0.0)

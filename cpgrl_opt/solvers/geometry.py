@@ -1,4 +1,4 @@
-"""Metric and radius as one transformation around any cone solver: `takes_geometry` decorates its class.
+"""Metric and radius as one transformation around any cone solver.
 
     metric    M = LLᵀ:  min ½‖d′‖² − g′ᵀd′  s.t.  J′d′ ≥ b  in d′ = Lᵀd, g′ = L⁻¹g, J′ = JL⁻ᵀ;  the same μ
     radius    a one-dimensional search over κ, see `ball`
@@ -8,116 +8,23 @@ without a ball. The referee judges each answer anew on the problem as it was giv
 Computations, §4.2 (whitening by the Cholesky factor).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial, wraps
-from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..certify import farkas_residual, kkt_residuals
+from ..certify import FARKAS_TOLERANCE, farkas_residual, kkt_residuals
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
 from ..units import Units, in_units
-from ..vectors import is_long
-from .asking import ask
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
-from .infeasibility import FARKAS_TOLERANCE
-from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
-from .polishing import polished
-from .reduction import scale_problem
-from .span import solve_in_span
+from .polishing import polish
+from .small_problem import scale_problem
 
-SolverClass = TypeVar("SolverClass", bound=type)
 Solve = Callable[[DirectionProblem], Direction]
 
 # Demands or lengths beyond this, in units of the radius, have squares that overflow.
 _LARGEST_RATIO = 1e150
-
-
-def takes_geometry(solver_class: SolverClass) -> SolverClass:
-    """The class with `solve` and `solve_batch` that take metrics and radii; problems without go straight through.
-
-    `takes_geometry` says so. Its `supports` stays: which constraints a method takes does not depend on geometry.
-    Its own `solve_batch`, if it has one, should call UNSUPPORTED what `supports` does not take.
-    """
-    kind: Any = solver_class
-    solve, batch = kind.solve, getattr(kind, "solve_batch", None)
-
-    @wraps(solve)
-    def solve_in_geometry(self: Any, problem: DirectionProblem) -> Direction:
-        if problem.metric is None and problem.radius is None:
-            if is_long(len(problem.bound), len(problem.gradient)):
-                return solve_in_span(partial(solve, self), problem, _tolerance(self))
-            answer: Direction = solve(self, problem)
-            return answer
-        return solve_transformed(partial(solve, self), problem, _tolerance(self))
-
-    kind.solve = solve_in_geometry
-    kind.takes_geometry = True
-    if batch is not None:
-        kind.solve_batch = _batch_in_geometry(solve, batch)
-        kind.declines_by_itself = True
-    return solver_class
-
-
-def _batch_in_geometry(solve: Callable[..., Direction], batch: Callable[..., DirectionBatch]) -> Any:
-    @wraps(batch)
-    def solve_batch_in_geometry(self: Any, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        stacked = ProblemBatch.stack(problems)
-        if stacked.metric is None and stacked.radius is None:
-            if is_long(*stacked.jacobian.shape[1:]) and len(stacked) > 0:
-                one = partial(solve, self)
-                return DirectionBatch.stack([solve_in_span(one, problem, _tolerance(self)) for problem in stacked])
-            return batch(self, stacked)
-        return solve_batch_transformed(partial(solve, self), partial(batch, self), stacked, _tolerance(self))
-
-    return solve_batch_in_geometry
-
-
-@dataclass(frozen=True)
-class WithGeometry:
-    """Somebody's cone solver made to take metrics and radii: a solver that declares nothing is never asked for them.
-
-    solver: an object with `solve`, for Euclidean problems without a ball.
-    """
-
-    solver: DirectionSolver
-
-    takes_geometry: ClassVar[bool] = True
-    declines_by_itself: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        if isinstance(self.solver, type) or not callable(getattr(self.solver, "solve", None)):
-            raise ValueError(f"solver should have a method solve(problem); found {self.solver!r}")
-        _ = self.tolerance  # checked
-
-    @property
-    def tolerance(self) -> float:
-        """The solver's own: the worst KKT residual of an OPTIMAL answer."""
-        return tolerance_of(self.solver)
-
-    def supports(self, problem: DirectionProblem) -> bool:
-        """Whether the solver takes the constraints, in whatever geometry."""
-        return supports(self.solver, without_geometry(problem))
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The direction of the transformed problem, judged on the problem itself; see `Status`."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        if problem.metric is None and problem.radius is None:
-            return ask(self.solver, problem)
-        return solve_transformed(partial(ask, self.solver), problem, self.tolerance)
-
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """B problems of one shape."""
-        stacked = ProblemBatch.stack(problems)
-        if stacked.metric is None and stacked.radius is None:
-            return solve_batch(self.solver, stacked)
-        if not all(self.supports(problem) for problem in stacked):
-            return DirectionBatch.stack([self.solve(problem) for problem in stacked])
-        one, many = partial(ask, self.solver), partial(solve_batch, self.solver)
-        return solve_batch_transformed(one, many, stacked, self.tolerance)
 
 
 def without_geometry(problem: DirectionProblem) -> DirectionProblem:
@@ -187,7 +94,7 @@ def polished_in_geometry(problem: DirectionProblem, found: Direction) -> Directi
         scaled = scale_problem(flat)
         if 0.0 < scaled.scale < np.inf:
             weights = scaled.unit.times_length(named.multipliers, scaled.scale)[scaled.kept]
-            for d, mu in polished(scaled, named.value / scaled.scale, weights):
+            for d, mu in polish(scaled.small, named.value / scaled.scale, weights):
                 exact = Direction(d * scaled.scale, scaled.original_multipliers(mu), found.status)
                 candidates.append(whitened.outside(exact))
     best = min(candidates, key=lambda candidate: kkt_residuals(problem, candidate).worst)
@@ -303,7 +210,3 @@ def _is_finite(problem: DirectionProblem) -> bool:
     bound = np.where(problem.equality, np.abs(problem.bound), problem.bound)
     parts = (np.isfinite(problem.gradient), np.isfinite(problem.jacobian), bound < np.inf)
     return all(bool(part.all()) for part in parts)
-
-
-def _tolerance(solver: Any) -> float:
-    return tolerance_of(getattr(solver, "settings", solver))

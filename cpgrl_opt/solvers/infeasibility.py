@@ -14,16 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Multipliers, Vector
-from ..certify import farkas_residual, least_violation_residual, violation
+from ..certify import is_proven, violation
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths
-from .kernels import compiled_kernels, solve_single
+from .exact_core import project
 
 # ‖v‖ in units of the bounds that the proof names above which a problem is infeasible; bounds that should agree may
 # differ by rounding.
 VIOLATION_TOLERANCE = 1e-9
-# v = 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
-FARKAS_TOLERANCE = 1e-6
 _MISSED = 1e-9  # as the compiled core has it
 _EXACT = 1e-12  # worst KKT residual of the projections
 
@@ -46,7 +44,7 @@ def least_violation(problem: DirectionProblem) -> LeastViolation | None:
             problem.bound,
             problem.equality,
         )
-    answer = solve_single(compiled_kernels().solve_cone, problem, _EXACT)
+    answer = project(problem, _EXACT)
     if answer.status != Status.INFEASIBLE or not is_proven(problem, answer):
         return None
     size = np.inf  # where a zero row asks for something, there is nothing to measure it in
@@ -70,11 +68,3 @@ def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
         return False
     lack = violation(problem, d)
     return bool(((lack.bound != 0.0) & (np.abs(lack.amount) > _MISSED * np.abs(lack.bound))).any())
-
-
-def is_proven(problem: DirectionProblem, answer: Direction) -> bool:
-    """Whether the multipliers prove infeasibility and the value violates least, as the referee sees it."""
-    return (
-        farkas_residual(problem, answer.multipliers) <= FARKAS_TOLERANCE
-        and least_violation_residual(problem, answer.value) <= FARKAS_TOLERANCE
-    )

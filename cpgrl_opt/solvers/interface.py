@@ -122,17 +122,6 @@ def _excess_violation_in_ball(problem: DirectionProblem, d: Vector, radius: floa
     return float(lengths(descended * min(1.0, radius / max(length, radius)) - d)) / unit if unit > 0 else 0.0
 
 
-class LoopsOverBatches:
-    """`solve_batch` for a method that has nothing better: a loop."""
-
-    def solve_batch(self: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """B problems of one shape, one after the other."""
-        stacked = ProblemBatch.stack(problems)
-        if len(stacked) == 0:
-            return no_answers(stacked)
-        return DirectionBatch.stack([self.solve(problem) for problem in stacked])
-
-
 class MissingPackageError(ImportError):
     """A solver's package is not installed; the message is the command that installs it."""
 

@@ -13,35 +13,35 @@ import numpy as np
 from ..arrays import Float
 from ..direction import Status
 from ..projection import RANK_TOLERANCE
-from .reduction import BackEndAnswer, ReducedProblem
+from .small_problem import SmallAnswer, SmallProblem
 
 # ‖z‖ beyond which r loses its digits; h is divided by the size found and the problem solved anew.
 _LARGE = 10.0
 _RESCALINGS = 4
 
 
-def least_distance(reduced: ReducedProblem) -> BackEndAnswer:
-    """x and μ of a reduced problem by scipy.optimize.nnls; INFEASIBLE (to be proven) where r = 0."""
-    elimination = _eliminate(reduced)
+def least_distance(small: SmallProblem) -> SmallAnswer:
+    """x and μ of a small problem by scipy.optimize.nnls; INFEASIBLE (to be proven) where r = 0."""
+    elimination = _eliminate(small)
     if not elimination.is_consistent:
-        return BackEndAnswer(None, None, failure=Status.INFEASIBLE)
-    free = ~reduced.equality
+        return SmallAnswer(None, None, failure=Status.INFEASIBLE)
+    free = ~small.equality
     origin, basis = elimination.point, elimination.basis
-    G = reduced.rows[free] @ basis
-    h = reduced.bound[free] - reduced.rows[free] @ origin
+    G = small.rows[free] @ basis
+    h = small.bound[free] - small.rows[free] @ origin
     length = np.sqrt(np.einsum("ij,ij->i", G, G))
     usable = length > RANK_TOLERANCE
     if (h[~usable] > RANK_TOLERANCE).any():
-        return BackEndAnswer(None, None, failure=Status.INFEASIBLE)
+        return SmallAnswer(None, None, failure=Status.INFEASIBLE)
     solution = _scaled_least_distance(G[usable] / length[usable, None], h[usable] / length[usable])
     if isinstance(solution, Status):
-        return BackEndAnswer(None, None, failure=solution)
+        return SmallAnswer(None, None, failure=solution)
     z, weights = solution
     x = origin + basis @ z
-    multipliers = np.zeros(len(reduced.bound))
+    multipliers = np.zeros(len(small.bound))
     multipliers[np.flatnonzero(free)[usable]] = weights / length[usable]
-    multipliers[reduced.equality] = elimination.multipliers(x - reduced.center - multipliers @ reduced.rows)
-    return BackEndAnswer(x, multipliers)
+    multipliers[small.equality] = elimination.multipliers(x - small.center - multipliers @ small.rows)
+    return SmallAnswer(x, multipliers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,8 @@ class _Elimination:
         return weights
 
 
-def _eliminate(reduced: ReducedProblem) -> _Elimination:
-    A, b, c = reduced.rows[reduced.equality], reduced.bound[reduced.equality], reduced.center
+def _eliminate(small: SmallProblem) -> _Elimination:
+    A, b, c = small.rows[small.equality], small.bound[small.equality], small.center
     left, values, right = np.linalg.svd(A, full_matrices=True)
     rank = int((values > RANK_TOLERANCE).sum())
     pseudo_inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .interrupts import run_alone
-from .reduction import ReducedProblem
+from .small_problem import SmallProblem
 
 _SCS_SIGINT, _SCS_SOLVED = -5, 1
 
@@ -36,14 +36,14 @@ class LibraryAnswer:
     extras: Mapping[str, Any] = field(default_factory=dict)
 
 
-def call_quadprog(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_quadprog(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
     """Goldfarb and Idnani's method; rows of C are ≥, the equalities first."""
     from quadprog import solve_qp
 
-    matrix, bound, equalities = _equalities_first(reduced)
-    hessian = np.eye(len(reduced.center))
+    matrix, bound, equalities = _equalities_first(small)
+    hessian = np.eye(len(small.center))
     try:
-        x, _, _, iterations, duals, active = solve_qp(hessian, reduced.center, -matrix.T, -bound, equalities, **options)
+        x, _, _, iterations, duals, active = solve_qp(hessian, small.center, -matrix.T, -bound, equalities, **options)
     except ValueError as error:
         if "no solution" in str(error):
             return LibraryAnswer(found=False)  # no answer and no status: the referee looks for the proof
@@ -52,21 +52,21 @@ def call_quadprog(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAn
     return LibraryAnswer(True, x, duals[:equalities], duals[equalities:], extras)
 
 
-def call_clarabel(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
     """A cone of zeros for E, then one of non-negative slacks for I."""
     import clarabel
     from scipy.sparse import csc_matrix
 
-    matrix, bound, equalities = _equalities_first(reduced)
+    matrix, bound, equalities = _equalities_first(small)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     for name, value in options.items():
         setattr(settings, name, value)
     sizes = ((clarabel.ZeroConeT, equalities), (clarabel.NonnegativeConeT, len(bound) - equalities))
     cones = [cone(size) for cone, size in sizes if size > 0]
-    identity = csc_matrix(np.eye(len(reduced.center)))
+    identity = csc_matrix(np.eye(len(small.center)))
     try:
-        solver = clarabel.DefaultSolver(identity, -reduced.center, csc_matrix(matrix), bound, cones, settings)
+        solver = clarabel.DefaultSolver(identity, -small.center, csc_matrix(matrix), bound, cones, settings)
     except Exception as error:  # it names no class of its own
         raise LibraryError(str(error)) from error
     result = solver.solve()
@@ -77,13 +77,13 @@ def call_clarabel(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAn
     )
 
 
-def call_scs(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_scs(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
     """The zero cone for E, then the positive cone for I."""
     import scs
     from scipy.sparse import csc_matrix
 
-    matrix, bound, equalities = _equalities_first(reduced)
-    data = {"P": csc_matrix(np.eye(len(reduced.center))), "c": -reduced.center, "A": csc_matrix(matrix), "b": bound}
+    matrix, bound, equalities = _equalities_first(small)
+    data = {"P": csc_matrix(np.eye(len(small.center))), "c": -small.center, "A": csc_matrix(matrix), "b": bound}
     sizes = {"z": equalities, "l": len(bound) - equalities}
     cone = {name: size for name, size in sizes.items() if size > 0}
     solve = partial(scs.solve, data, cone, **{"verbose": False, **options})
@@ -92,7 +92,7 @@ def call_scs(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAnswer:
     return LibraryAnswer(info["status_val"] == _SCS_SOLVED, result["x"], duals[:equalities], duals[equalities:], info)
 
 
-def call_highs(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_highs(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
     """HiGHS in a thread of its own.
 
     HiGHS keeps one pool of workers for each thread that calls it, as large as the first call asked for. Later calls
@@ -108,23 +108,23 @@ def call_highs(reduced: ReducedProblem, options: dict[str, Any]) -> LibraryAnswe
     solver.setOptionValue("output_flag", False)
     for name, value in options.items():
         solver.setOptionValue(name, value)
-    solver.passModel(_highs_model(reduced))
+    solver.passModel(_highs_model(small))
     with ThreadPoolExecutor(max_workers=1) as own_thread:
         own_thread.submit(solver.run).result()
     result = solver.getSolution()
     duals = -np.array(result.row_dual)
     is_solved = solver.getModelStatus() == HighsModelStatus.kOptimal
-    of_inequalities = int((~reduced.equality).sum())
+    of_inequalities = int((~small.equality).sum())
     return LibraryAnswer(is_solved, np.array(result.col_value), duals[of_inequalities:], duals[:of_inequalities])
 
 
-def _highs_model(reduced: ReducedProblem) -> Any:
+def _highs_model(small: SmallProblem) -> Any:
     """lower ≤ Ax ≤ upper with the inequalities first; the lower triangle of the Hessian; no limits on x."""
     import highspy
     from scipy.sparse import csc_matrix
 
-    inequality, center = ~reduced.equality, reduced.center
-    rows = csc_matrix(np.vstack([-reduced.rows[inequality], reduced.rows[reduced.equality]]))
+    inequality, center = ~small.equality, small.center
+    rows = csc_matrix(np.vstack([-small.rows[inequality], small.rows[small.equality]]))
     unlimited = np.full(int(inequality.sum()), -highspy.kHighsInf)
     model, n = highspy.HighsModel(), len(center)
     lp, hessian = model.lp_, model.hessian_
@@ -132,24 +132,24 @@ def _highs_model(reduced: ReducedProblem) -> Any:
     hessian.index_, hessian.value_ = np.arange(n, dtype=np.int32), np.ones(n)
     lp.num_col_, lp.col_cost_ = n, -center
     lp.col_lower_, lp.col_upper_ = np.full(n, -highspy.kHighsInf), np.full(n, highspy.kHighsInf)
-    lp.num_row_ = len(reduced.bound)
-    lp.row_lower_ = np.concatenate([unlimited, reduced.bound[reduced.equality]])
-    lp.row_upper_ = np.concatenate([-reduced.bound[inequality], reduced.bound[reduced.equality]])
+    lp.num_row_ = len(small.bound)
+    lp.row_lower_ = np.concatenate([unlimited, small.bound[small.equality]])
+    lp.row_upper_ = np.concatenate([-small.bound[inequality], small.bound[small.equality]])
     lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
     lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = rows.shape
     lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = rows.indptr, rows.indices, rows.data
     return model
 
 
-def _equalities_first(reduced: ReducedProblem) -> tuple[np.ndarray, np.ndarray, int]:
+def _equalities_first(small: SmallProblem) -> tuple[np.ndarray, np.ndarray, int]:
     """(A_E above −A_I, b_E above −b_I, how many equalities)."""
-    equality = reduced.equality
-    matrix = np.vstack([reduced.rows[equality], -reduced.rows[~equality]])
-    bound = np.concatenate([reduced.bound[equality], -reduced.bound[~equality]])
+    equality = small.equality
+    matrix = np.vstack([small.rows[equality], -small.rows[~equality]])
+    bound = np.concatenate([small.bound[equality], -small.bound[~equality]])
     return matrix, bound, int(equality.sum())
 
 
-LibraryCall = Callable[[ReducedProblem, dict[str, Any]], Any]  # what `answer_of` takes
+LibraryCall = Callable[[SmallProblem, dict[str, Any]], Any]  # what `answer_of` takes
 
 LIBRARY_CALLS: Mapping[str, LibraryCall] = MappingProxyType(
     {"quadprog": call_quadprog, "clarabel": call_clarabel, "scs": call_scs, "highs": call_highs}

@@ -3,28 +3,22 @@
 min ½xᵀx − cᵀx   s.t.   l ≤ Ax ≤ u,   u = l on E, u = ∞ on I
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..direction import Direction, DirectionBatch, Status
-from ..problem import DirectionProblem, ProblemBatch
-from ..settings import CheckedSettings
-from ..vectors import is_long
-from .geometry import takes_geometry
+from ..direction import Status
+from .base import Session, SolverWithSessions
 from .interrupts import run_alone
 from .packages import require_import, require_package
-from .preparation import require_session_shape, solve_prepared
-from .reduction import BackEndAnswer, ReducedProblem
+from .small_problem import SmallAnswer, SmallProblem
 
 
-@takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class OSQP(CheckedSettings):
-    """Operator splitting on the reduced problem, then our polishing.
+class OSQP(SolverWithSessions):
+    """Operator splitting on the small problem, then our polishing.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.
     iteration_limit: ADMM steps; time_limit: s; rho: first step size of ADMM.
@@ -40,20 +34,6 @@ class OSQP(CheckedSettings):
     source: ClassVar[str] = "Stellato et al. 2020"
     guarantee: ClassVar[str] = "first order (ADMM), polished"
 
-    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
-        """Equalities, cones and bounds."""
-        return True
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction from a workspace of its own; see `Status`. Raises MissingPackageError."""
-        return self.session(problem.n, problem.m).solve(problem)
-
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """The directions of problems of one shape, one after the other in one workspace, each from a cold start."""
-        first = problems[0]
-        session = self.session(first.n, first.m)
-        return DirectionBatch.stack([session.solve(problem) for problem in problems])
-
     def session(self, n: int, m: int, *, warm_start: bool = False) -> "OSQPSession":
         """A workspace for problems with n parameters and m constraints; warm_start: from the last answer."""
         require_package("osqp", "osqp", "solvers")
@@ -61,36 +41,29 @@ class OSQP(CheckedSettings):
         return OSQPSession(self, n, m, warm_start=warm_start)
 
 
-@takes_geometry
-class OSQPSession:
+class OSQPSession(Session):
     """OSQP's workspace for one shape. With `warm_start` each problem starts at the last one's answer.
 
-    Problems that lose rows or coordinates in the preparation are filled up with zeros, so that the pattern stays.
+    Problems that lose rows or coordinates on the way here are filled up with zeros, so that the pattern stays.
     """
 
     def __init__(self, settings: OSQP, n: int, m: int, *, warm_start: bool = False) -> None:
+        super().__init__(settings, n, m)
         self.settings = settings
-        self.n, self.m = n, m
         self.warm_start = warm_start
         self._rows, self._coordinates = m, min(n, m + 1)
         self._workspace: Any = None
 
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; ValueError unless the problem has the session's shape."""
-        if not (is_long(self.m, self.n) and problem.n == 1 + self.m):  # a long problem comes in its own coordinates
-            require_session_shape(problem, self.n, self.m)
-        settings = self.settings
-        return solve_prepared(problem, self._solve_reduced, tolerance=settings.tolerance, polish=settings.polish)
-
-    def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
-        count, k = reduced.rows.shape
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """ADMM's x and μ."""
+        count, k = small.rows.shape
         A = np.zeros((self._rows, self._coordinates))
-        A[:count, :k] = reduced.rows
+        A[:count, :k] = small.rows
         q = np.zeros(self._coordinates)
-        q[:k] = -reduced.center
+        q[:k] = -small.center
         lower, upper = np.full(self._rows, -np.inf), np.full(self._rows, np.inf)
-        lower[:count] = reduced.bound
-        upper[:count][reduced.equality] = reduced.bound[reduced.equality]
+        lower[:count] = small.bound
+        upper[:count][small.equality] = small.bound[small.equality]
         self._load(A, q, lower, upper)
         return self._run(count, k)
 
@@ -103,14 +76,14 @@ class OSQPSession:
             self._workspace.warm_start(x=np.zeros(len(q)), y=np.zeros(len(lower)))
             self._workspace.update_settings(rho=self.settings.rho)
 
-    def _run(self, count: int, k: int) -> BackEndAnswer:
+    def _run(self, count: int, k: int) -> SmallAnswer:
         solve = partial(self._workspace.solve, raise_error=False)
         result = run_alone(solve, lambda result: is_interrupted(result.info.status_val))
         verdict = verdict_of(result.info.status_val)
         if result.x is None:
-            return BackEndAnswer(None, None, int(result.info.iter), verdict)
+            return SmallAnswer(None, None, int(result.info.iter), verdict)
         point = np.array(result.x[:k], dtype=np.float64)
-        return BackEndAnswer(point, -np.array(result.y[:count]), int(result.info.iter), verdict)
+        return SmallAnswer(point, -np.array(result.y[:count]), int(result.info.iter), verdict)
 
 
 def verdict_of(status_value: int) -> Status | None:

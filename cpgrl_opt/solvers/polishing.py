@@ -1,4 +1,4 @@
-"""One step of polishing, ours: the projection of g onto the face that a back end found, with its multipliers.
+"""One step of polishing, ours: the projection of g onto the face that a core found, with its multipliers.
 
     d = argmin ½‖d − g‖²  s.t.  Ĵᵢd = b̂ᵢ (i ∈ 𝒜),      Ĵᵀμ = d − g,  μᵢ ≥ 0 (i ∈ 𝒜 ∩ I),  μᵢ = 0 (i ∉ 𝒜)
 
@@ -14,43 +14,43 @@ from ..arrays import Bool, Float, Vector
 from ..problem import lengths
 from ..projection import RANK_TOLERANCE
 from .factorization import pivoted_qr, solve_upper
-from .reduction import ScaledProblem
+from .small_problem import SmallProblem
 
-# A row this near to its bound, in units of max(‖g‖, ‖d‖), is in the face or not: no back end is surer than that.
+# A row this near to its bound, in units of max(‖g‖, ‖d‖), is in the face or not: no core is surer than that.
 _NEARLY_TIGHT = 1e-6
 _MOST_FACES = 4
 
 
-def polished(
-    scaled: ScaledProblem, d: Vector, multipliers: Float[np.ndarray, "p"]
+def polish(
+    small: SmallProblem, d: Vector, multipliers: Float[np.ndarray, "p"]
 ) -> Iterator[tuple[Vector, Float[np.ndarray, "p"]]]:
-    """(d, μ) on the face that a back end's answer names, then with its undecided rows corrected, a few times.
+    """(d, μ) on the face that a core's answer names, then with its undecided rows corrected, a few times.
 
     A row is active where its multiplier outweighs its slack; undecided where it is nearly tight. Undecided rows
     leave with a negative multiplier and enter when violated.
     """
-    slack = scaled.rows @ d - scaled.bound
-    size = max(float(lengths(d)), float(lengths(scaled.gradient)))
-    undecided = ~scaled.equality & (np.abs(slack) <= _NEARLY_TIGHT * size)
-    face = scaled.equality | (multipliers > np.maximum(slack, 0.0))
+    slack = small.rows @ d - small.bound
+    size = max(float(lengths(d)), float(lengths(small.center)))
+    undecided = ~small.equality & (np.abs(slack) <= _NEARLY_TIGHT * size)
+    face = small.equality | (multipliers > np.maximum(slack, 0.0))
     for _ in range(_MOST_FACES):
-        point, weights = project_onto_face(scaled, face)
+        point, weights = project_onto_face(small, face)
         yield point, weights
         leaving = face & undecided & (weights < 0.0)
-        entering = ~face & undecided & (scaled.rows @ point < scaled.bound)
+        entering = ~face & undecided & (small.rows @ point < small.bound)
         if not (leaving | entering).any():
             return
         face = (face & ~leaving) | entering
 
 
 def project_onto_face(
-    scaled: ScaledProblem, face: Bool[np.ndarray, "p"], *, nonnegative: bool = True
+    small: SmallProblem, face: Bool[np.ndarray, "p"], *, nonnegative: bool = True
 ) -> tuple[Vector, Float[np.ndarray, "p"]]:
-    """(d, μ) of the module's head for 𝒜 = face, in units of s; μᵢ < 0 where no better ones exist.
+    """(d, μ) of the module's head for 𝒜 = face; μᵢ < 0 where no better ones exist.
 
     nonnegative=False: whatever sign the independent rows give, for rules that look at it.
     """
-    rows, bound, g = scaled.rows[face], scaled.bound[face], scaled.gradient
+    rows, bound, g = small.rows[face], small.bound[face], small.center
     multipliers = np.zeros(len(face))
     if len(rows) == 0:
         return g.copy(), multipliers
@@ -60,8 +60,8 @@ def project_onto_face(
     d = off_span(Q, g) + Q @ solve_upper(R, bound[chosen], transposed=True)
     weights = np.zeros(len(rows))
     weights[chosen] = solve_upper(R, Q.T @ (d - g))
-    if nonnegative and rank < len(rows) and (weights[~scaled.equality[face]] < 0.0).any():
-        weights = nonnegative_weights(Q.T @ rows.T, Q.T @ (d - g), scaled.equality[face])
+    if nonnegative and rank < len(rows) and (weights[~small.equality[face]] < 0.0).any():
+        weights = nonnegative_weights(Q.T @ rows.T, Q.T @ (d - g), small.equality[face])
     else:  # one step of refinement: nearly opposing rows have multipliers of 1e9
         weights[chosen] += solve_upper(R, Q.T @ (d - g - weights @ rows))
     multipliers[face] = weights
@@ -84,7 +84,7 @@ def nonnegative_weights(
     weights = np.zeros(columns.shape[1])
     try:
         parts, _ = nnls(np.hstack([columns, -columns[:, equality]]), target)
-    except RuntimeError:  # its iteration limit; the back end's own multipliers stand
+    except RuntimeError:  # its iteration limit; the core's own multipliers stand
         return weights
     weights += parts[: columns.shape[1]]
     weights[equality] -= parts[columns.shape[1] :]

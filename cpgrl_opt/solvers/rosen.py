@@ -5,7 +5,6 @@
 by an orthonormal basis of the unit rows, compiled. Source: Rosen 1960; eq. 7–10 of the paper (λ = −μ).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,14 +12,12 @@ import numpy as np
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
-from ..settings import CheckedSettings
-from .geometry import takes_geometry
-from .kernels import compiled_kernels, solve_single, solve_stacked
+from .base import Solver
+from .exact_core import project, project_batch
 
 
-@takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class Rosen(CheckedSettings):
+class Rosen(Solver):
     """The paper's tangent direction: rank-revealing on unit rows, equalities only.
 
     tolerance: the worst KKT residual of an OPTIMAL answer.
@@ -36,10 +33,10 @@ class Rosen(CheckedSettings):
         """Equalities, and inequalities that are switched off (b = −inf)."""
         return bool((problem.equality | (problem.bound == -np.inf)).all())
 
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
         """The certified direction; UNSUPPORTED, with zeros, where an inequality is switched on."""
-        return solve_single(compiled_kernels().solve_tangent, problem, self.tolerance)
+        return project(problem, self.tolerance, tangent=True)
 
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """B problems of one shape in one compiled call, each exactly as `solve` solves it."""
-        return solve_stacked(compiled_kernels().solve_tangent_batch, problems, self.tolerance)
+    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
+        """B problems in one compiled call, each exactly as alone."""
+        return project_batch(problems, self.tolerance, tangent=True)

@@ -15,24 +15,19 @@ from typing import ClassVar
 import numpy as np
 
 from ..arrays import Bool, Float, Vector
-from ..direction import Direction, Status
 from ..problem import DirectionProblem, lengths
 from ..projection import RANK_TOLERANCE, largest_multipliers, unit_multipliers
-from ..settings import CheckedSettings
+from .base import Solver
 from .factorization import pivoted_qr
-from .geometry import takes_geometry
-from .interface import LoopsOverBatches
 from .polishing import project_onto_face
-from .preparation import candidate_of, failure, judged, screen
-from .reduction import ScaledProblem, scale_problem
+from .small_problem import SmallAnswer, SmallProblem
 
 # λᵢ‖Jᵢ‖ counts as 0 below this part of ‖g‖, or below the tolerance: far above rounding, as in a step.
 _NEGLIGIBLE = 1e-10
 
 
-@takes_geometry
 @dataclass(frozen=True, kw_only=True)
-class RosenDrop(LoopsOverBatches, CheckedSettings):
+class RosenDrop(Solver):
     """The drop rule, for b = 0; equalities are never dropped.
 
     tolerance: the worst KKT residual of an OPTIMAL answer. raw_multipliers: compare λᵢ as printed in the paper, so
@@ -50,40 +45,30 @@ class RosenDrop(LoopsOverBatches, CheckedSettings):
         """b = 0, or −inf where a constraint is switched off."""
         return bool(((problem.bound == 0.0) | (problem.bound == -np.inf)).all())
 
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The drop rule's direction; OPTIMAL where the referee agrees, else UNCERTIFIED."""
-        if not self.supports(problem):
-            return failure(problem, Status.UNSUPPORTED)
-        scaled = scale_problem(problem)
-        screened = screen(scaled)
-        if screened is not None:
-            return screened
-        d, multipliers, dropped = self._drop(scaled)
-        return judged(problem, candidate_of(scaled, d, multipliers), self.tolerance, dropped)
-
-    def _drop(self, scaled: ScaledProblem) -> tuple[Vector, Float[np.ndarray, "p"], int]:
-        """d, μ and how many constraints were dropped."""
-        active, negligible = np.ones(len(scaled.bound), dtype=np.bool_), min(_NEGLIGIBLE, self.tolerance)
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The drop rule's x and μ; `iterations` counts the constraints that were dropped."""
+        active, negligible = np.ones(len(small.bound), dtype=np.bool_), min(_NEGLIGIBLE, self.tolerance)
         while True:
-            d, multipliers = self._projected(scaled, active)
-            harm = -multipliers  # λᵢ‖Jᵢ‖/‖g‖
-            positive = active & ~scaled.equality & (harm > negligible)
+            d, multipliers = self._project(small, active)
+            positive = active & ~small.equality & (-multipliers > negligible)  # λᵢ‖Jᵢ‖/‖g‖
             if not positive.any():
-                return d, multipliers, int((~active).sum())
-            if self.raw_multipliers:
-                harm = -scaled.original_multipliers(multipliers)[scaled.kept]
+                return SmallAnswer(d, multipliers, int((~active).sum()))
+            harm = -multipliers
+            if self.raw_multipliers and small.lengths is not None:
+                with np.errstate(over="ignore", divide="ignore"):
+                    harm = harm / small.lengths
             active &= ~largest_multipliers(harm[None], -multipliers[None], positive[None])[0]
 
-    def _projected(self, scaled: ScaledProblem, active: Bool[np.ndarray, "p"]) -> tuple[Vector, Float[np.ndarray, "p"]]:
+    def _project(self, small: SmallProblem, active: Bool[np.ndarray, "p"]) -> tuple[Vector, Float[np.ndarray, "p"]]:
         """d on the face of the active rows, and μ = −λ: of dependent rows a λ ≤ 0, or the least where there is none."""
-        d, multipliers = project_onto_face(scaled, active, nonnegative=False)
-        rank = len(pivoted_qr(scaled.rows[active].T, RANK_TOLERANCE)[1]) if active.any() else 0
-        negligible, inequality = min(_NEGLIGIBLE, self.tolerance), ~scaled.equality
+        d, multipliers = project_onto_face(small, active, nonnegative=False)
+        rank = len(pivoted_qr(small.rows[active].T, RANK_TOLERANCE)[1]) if active.any() else 0
+        negligible, inequality = min(_NEGLIGIBLE, self.tolerance), ~small.equality
         if rank == active.sum() or not (multipliers[inequality] < -negligible).any():
             return d, multipliers
-        _, signed = project_onto_face(scaled, active)
-        rest = lengths(scaled.gradient + signed @ scaled.rows - d)
+        _, signed = project_onto_face(small, active)
+        rest = lengths(small.center + signed @ small.rows - d)
         if not (signed[inequality] < -negligible).any() and rest <= negligible:
             return d, signed
-        rows = np.where(active[:, None], scaled.rows, 0.0)
-        return d, -unit_multipliers(rows[None], scaled.gradient[None])[0]
+        rows = np.where(active[:, None], small.rows, 0.0)
+        return d, -unit_multipliers(rows[None], small.center[None])[0]

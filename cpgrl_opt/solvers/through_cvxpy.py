@@ -5,27 +5,23 @@ minimize ½‖x‖² − cᵀx   subject to   A_I x ≥ b_I,   A_E x = b_E      
 and with a metric or a radius the second-order cone program of `second_order_cone`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..direction import Direction, DirectionBatch, Status
-from ..problem import DirectionProblem, ProblemBatch
-from ..settings import CheckedSettings
-from ..vectors import is_long
+from ..direction import Direction, Status
+from ..problem import DirectionProblem
+from .base import Session, SolverWithSessions
 from .cvxpy_call import solve_statement
 from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
 from .packages import require_import, require_package
-from .preparation import require_session_shape, solve_prepared
-from .reduction import BackEndAnswer, ReducedProblem
 from .second_order_cone import state_and_solve
-from .span import solve_in_span
+from .small_problem import SmallAnswer, SmallProblem
 
 
 @dataclass(frozen=True, kw_only=True)
-class CVXPY(CheckedSettings):
+class CVXPY(SolverWithSessions):
     """A parametrised CVXPY problem behind the shared preparation.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.
@@ -41,25 +37,6 @@ class CVXPY(CheckedSettings):
     also_needs: ClassVar[tuple[str, ...]] = ("clarabel",)
     source: ClassVar[str] = "Diamond & Boyd 2016; Agrawal et al. 2019 (DPP)"
     guarantee: ClassVar[str] = "interior point (CLARABEL), polished; slow"
-    takes_geometry: ClassVar[bool] = True
-
-    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
-        """Equalities, cones and bounds."""
-        return True
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction, compiled for this problem alone; see `Status`. Raises MissingPackageError."""
-        if problem.metric is None and problem.radius is None and is_long(problem.m, problem.n):
-            return solve_in_span(lambda small: self.session(small.n, small.m).solve(small), problem, self.tolerance)
-        return self.session(problem.n, problem.m).solve(problem)
-
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """The directions of problems of one shape, one after the other, compiled once."""
-        first = problems[0]
-        if is_long(first.m, first.n):
-            return DirectionBatch.stack([self.solve(problem) for problem in problems])
-        session = self.session(first.n, first.m)
-        return DirectionBatch.stack([session.solve(problem) for problem in problems])
 
     def session(self, n: int, m: int, *, warm_start: bool = False) -> "CVXPYSession":  # noqa: ARG002
         """An object that keeps what it compiled for n parameters and m constraints.
@@ -72,45 +49,35 @@ class CVXPY(CheckedSettings):
         return CVXPYSession(self, n, m)
 
 
-class CVXPYSession:
+class CVXPYSession(Session):
     """CVXPY problems for one shape (n, m), compiled once for each number of coordinates and of equalities."""
 
-    takes_geometry: ClassVar[bool] = True
-
     def __init__(self, settings: CVXPY, n: int, m: int) -> None:
-        self.settings = settings
-        self.n, self.m = n, m
+        super().__init__(settings, n, m)
+        self._options = _options(settings)
         self._compiled: dict[tuple[int, int, int], _Parametrised] = {}
 
     @property
     def compiled_shapes(self) -> int:
-        """How many reduced shapes were compiled so far."""
+        """How many small shapes were compiled so far."""
         return len(self._compiled)
 
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; ValueError unless the problem has the session's shape."""
-        require_session_shape(problem, self.n, self.m)
-        settings = self.settings
-        if problem.metric is not None or problem.radius is not None:
-            return self._solve_in_geometry(problem)
-        return solve_prepared(problem, self._solve_reduced, tolerance=settings.tolerance, polish=settings.polish)
-
-    def _solve_in_geometry(self, problem: DirectionProblem) -> Direction:
+    def solve_in_geometry(self, problem: DirectionProblem) -> Direction:
         """A second-order cone program; what it calls infeasible is proven as for the other solvers."""
-        settings = self.settings
-        modelled = state_and_solve(problem, _options(settings))
+        modelled = state_and_solve(problem, self._options)
         if modelled.status == Status.INFEASIBLE:
-            return solve_transformed(self.solve, problem, settings.tolerance)
-        if settings.polish:
+            return solve_transformed(self.solve_rows, problem, self.tolerance)
+        if self.polish:
             modelled = polished_in_geometry(problem, modelled)
-        return judged_in_geometry(problem, modelled, settings.tolerance)
+        return judged_in_geometry(problem, modelled, self.tolerance)
 
-    def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
-        equalities = int(reduced.equality.sum())
-        shape = (len(reduced.center), len(reduced.bound) - equalities, equalities)
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """CLARABEL's x and μ."""
+        equalities = int(small.equality.sum())
+        shape = (len(small.center), len(small.bound) - equalities, equalities)
         if shape not in self._compiled:
             self._compiled[shape] = _Parametrised(*shape)
-        return self._compiled[shape].solve(reduced, self.settings)
+        return self._compiled[shape].solve(small, self._options)
 
 
 class _Parametrised:
@@ -130,30 +97,30 @@ class _Parametrised:
         objective = 0.5 * cvxpy.sum_squares(self.x) - self.center @ self.x
         self.problem = cvxpy.Problem(cvxpy.Minimize(objective), [constraint for *_, constraint in self.parts])
 
-    def solve(self, reduced: ReducedProblem, settings: CVXPY) -> BackEndAnswer:
+    def solve(self, small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
         """x and μ of CLARABEL, read from the problem's variable and dual variables."""
         import cvxpy
 
-        self.center.value = reduced.center
+        self.center.value = small.center
         for is_equality, A, b, _ in self.parts:
-            chosen = reduced.equality == is_equality
-            A.value, b.value = reduced.rows[chosen], reduced.bound[chosen]
+            chosen = small.equality == is_equality
+            A.value, b.value = small.rows[chosen], small.bound[chosen]
         try:
-            solution = solve_statement(self.problem, _options(settings))
+            solution = solve_statement(self.problem, options)
         except cvxpy.SolverError:
-            return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
-        return self._answer(reduced, int(solution.attr.get("num_iters") or 0))
+            return SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR)
+        return self._answer(small, int(solution.attr.get("num_iters") or 0))
 
-    def _answer(self, reduced: ReducedProblem, iterations: int) -> BackEndAnswer:
+    def _answer(self, small: SmallProblem, iterations: int) -> SmallAnswer:
         verdict = VERDICTS.get(self.problem.status, Status.UNCERTIFIED)
         if self.x.value is None:
-            return BackEndAnswer(None, None, iterations, verdict or Status.NUMERICAL_ERROR)
-        multipliers = np.zeros(len(reduced.bound))
+            return SmallAnswer(None, None, iterations, verdict or Status.NUMERICAL_ERROR)
+        multipliers = np.zeros(len(small.bound))
         for is_equality, *_, constraint in self.parts:
             # CVXPY's dual of Ax = b is signed as that of Ax ≤ b.
             sign = -1.0 if is_equality else 1.0
-            multipliers[reduced.equality == is_equality] = sign * constraint.dual_value
-        return BackEndAnswer(np.array(self.x.value), multipliers, iterations, verdict)
+            multipliers[small.equality == is_equality] = sign * constraint.dual_value
+        return SmallAnswer(np.array(self.x.value), multipliers, iterations, verdict)
 
 
 def _options(settings: CVXPY) -> dict[str, Any]:

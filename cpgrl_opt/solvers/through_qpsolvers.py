@@ -13,13 +13,11 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from ..settings import CheckedSettings
-from .geometry import takes_geometry
-from .interface import LoopsOverBatches, MissingPackageError
+from .base import Solver
+from .interface import MissingPackageError
 from .library_calls import LIBRARY_CALLS, LibraryCall, LibraryError
 from .packages import has_package, require_import
-from .preparation import solve_prepared
-from .reduction import BackEndAnswer, ReducedProblem
+from .small_problem import SmallAnswer, SmallProblem
 
 
 @dataclass(frozen=True)
@@ -137,10 +135,9 @@ BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
 )
 
 
-@takes_geometry
 @dataclass(frozen=True)
-class QPSolversBackend(LoopsOverBatches, CheckedSettings):
-    """One of qpsolvers' back ends on the reduced problem.
+class QPSolversBackend(Solver):
+    """One of qpsolvers' back ends on the small problem.
 
     name: a key of BACK_ENDS. tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto
     the face found. iteration_limit: of the back end, its own kind of iteration (None: the back end's in BACK_ENDS);
@@ -178,68 +175,65 @@ class QPSolversBackend(LoopsOverBatches, CheckedSettings):
         """What the method promises."""
         return BACK_ENDS[self.name].guarantee
 
-    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
-        """Equalities, cones and bounds."""
-        return True
-
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`. Raises MissingPackageError, UnusablePackageError."""
         if not (has_package(self.package) and has_package("qpsolvers")):
             raise MissingPackageError(self.name, self.package, BACK_ENDS[self.name].extra)
         require_import(self.name, "qpsolvers")
         require_import(self.name, self.package)  # qpsolvers takes every ImportError for "not installed"
-        return solve_prepared(problem, self._solve_reduced, tolerance=self.tolerance, polish=self.polish)
+        return super().solve_rows(problem)
 
-    def _solve_reduced(self, reduced: ReducedProblem) -> BackEndAnswer:
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The back end's x and μ."""
         facts = BACK_ENDS[self.name]
         limit = facts.default_iteration_limit if self.iteration_limit is None else self.iteration_limit
         options = {**facts.options(self.tolerance, limit, self.time_limit), **self.options}
         call: LibraryCall = LIBRARY_CALLS.get(self.name, partial(call_through_qpsolvers, self.name))
         try:
-            return answer_of(reduced, call(reduced, options))
+            return answer_of(small, call(small, options))
         except LibraryError:
-            return BackEndAnswer(None, None, failure=Status.NUMERICAL_ERROR)
+            return SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR)
 
 
-def call_through_qpsolvers(name: str, reduced: ReducedProblem, options: dict[str, Any]) -> Any:
+def call_through_qpsolvers(name: str, small: SmallProblem, options: dict[str, Any]) -> Any:
     """qpsolvers' Solution, of a back end about which qpsolvers says nothing; LibraryError where it raises its own."""
     from qpsolvers import ProblemError, SolverError, solve_problem
 
-    program = quadratic_program(reduced, BACK_ENDS[name].is_sparse)
+    program = quadratic_program(small, BACK_ENDS[name].is_sparse)
     try:
         return solve_problem(program, name, verbose=False, **options)
     except (ProblemError, SolverError) as error:
         raise LibraryError(str(error)) from error
 
 
-def quadratic_program(reduced: ReducedProblem, is_sparse: bool) -> Any:
+def quadratic_program(small: SmallProblem, is_sparse: bool) -> Any:
     """The problem as qpsolvers states it."""
     from qpsolvers import Problem
     from scipy.sparse import csc_matrix
 
     matrix = csc_matrix if is_sparse else np.ascontiguousarray
-    equality, inequality = reduced.equality, ~reduced.equality
+    equality, inequality = small.equality, ~small.equality
     G = h = A = b = None
     if inequality.any():
-        G, h = matrix(-reduced.rows[inequality]), -reduced.bound[inequality]
+        G, h = matrix(-small.rows[inequality]), -small.bound[inequality]
     if equality.any():
-        A, b = matrix(reduced.rows[equality]), reduced.bound[equality]
-    return Problem(matrix(np.eye(len(reduced.center))), -reduced.center, G, h, A, b)
+        A, b = matrix(small.rows[equality]), small.bound[equality]
+    return Problem(matrix(np.eye(len(small.center))), -small.center, G, h, A, b)
 
 
-def answer_of(reduced: ReducedProblem, solution: Any) -> BackEndAnswer:
+def answer_of(small: SmallProblem, solution: Any) -> SmallAnswer:
     """x, μ_I = z and μ_E = −y: qpsolvers' Lagrangian is that of Gx ≤ h and Ax = b."""
     verdict, iterations = _verdict(solution), _iterations(solution.extras)
     if solution.x is None:
-        return BackEndAnswer(None, None, iterations, verdict)
-    multipliers = np.zeros(len(reduced.bound))
-    for part, sign, values in ((~reduced.equality, 1.0, solution.z), (reduced.equality, -1.0, solution.y)):
+        return SmallAnswer(None, None, iterations, verdict)
+    multipliers = np.zeros(len(small.bound))
+    for part, sign, values in ((~small.equality, 1.0, solution.z), (small.equality, -1.0, solution.y)):
         if values is not None and len(values) == int(part.sum()):
             multipliers[part] = sign * np.asarray(values, dtype=np.float64)
     point = np.asarray(solution.x, dtype=np.float64)
-    if point.shape != reduced.center.shape:  # HiGHS without an answer gives an empty one
-        return BackEndAnswer(None, None, iterations, Status.NUMERICAL_ERROR)
-    return BackEndAnswer(point, multipliers, iterations, verdict)
+    if point.shape != small.center.shape:  # HiGHS without an answer gives an empty one
+        return SmallAnswer(None, None, iterations, Status.NUMERICAL_ERROR)
+    return SmallAnswer(point, multipliers, iterations, verdict)
 
 
 def _verdict(solution: Any) -> Status | None:

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cpgrl_opt import DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.solvers.kernels import compiled_kernels
+from cpgrl_opt import Direction, DirectionProblem, ProblemBatch, Status, kkt_residuals
+from cpgrl_opt.solvers.compiled._projection import project_stacked
+from cpgrl_opt.solvers.exact_core import project, project_batch
+from cpgrl_opt.solvers.thorough import solve_thoroughly
 
 TOLERANCE = 1e-12
 Data = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -19,12 +21,8 @@ def rng_for(seed: int) -> np.random.Generator:
     return np.random.default_rng([20061119, seed])
 
 
-def solved(data: Data, *, tangent: bool = False) -> SimpleNamespace:
-    g, J, b, E = data
-    d, mu = np.full(J.shape[1], np.nan), np.full(len(J), np.nan)
-    solve = compiled_kernels().solve_tangent if tangent else compiled_kernels().solve_cone
-    status, iterations, _ = solve(g, J, b, E, TOLERANCE, d, mu)
-    return SimpleNamespace(value=d, multipliers=mu, status=Status(status), iterations=iterations)
+def solved(data: Data, *, tangent: bool = False) -> Direction:
+    return project(DirectionProblem.trusted(*data), TOLERANCE, tangent=tangent)
 
 
 def touching(rng: np.random.Generator, m: int, n: int) -> Data:
@@ -58,16 +56,12 @@ def test_a_batch_is_a_loop_bit_for_bit(tangent: bool) -> None:
     draws += [touching(rng, 4, 5) for _ in range(8)]
     draws = [(g, J, b, E | tangent) for g, J, b, E in draws]
     g, J, b, E = (np.stack(part) for part in zip(*draws, strict=True))
-    d, mu = np.empty_like(g), np.empty_like(b)
-    status, iterations = np.empty(len(g), dtype=np.int64), np.empty(len(g), dtype=np.int64)
-    kernels = compiled_kernels()
-    batch = kernels.solve_tangent_batch if tangent else kernels.solve_cone_batch
-    batch(g, J, b, E, TOLERANCE, d, mu, status, iterations)
-    for k, data in enumerate(draws):
+    batch = project_batch(ProblemBatch.trusted(g, J, b, E), TOLERANCE, tangent=tangent)
+    for data, together in zip(draws, batch, strict=True):
         one = solved(data, tangent=tangent)
-        assert (one.status, one.iterations) == (status[k], iterations[k])
-        np.testing.assert_array_equal(one.value, d[k])
-        np.testing.assert_array_equal(one.multipliers, mu[k])
+        assert (one.status, one.iterations) == (together.status, together.iterations)
+        np.testing.assert_array_equal(one.value, together.value)
+        np.testing.assert_array_equal(one.multipliers, together.multipliers)
 
 
 def test_a_tangent_face_is_the_cone_with_equalities_only() -> None:
@@ -106,11 +100,10 @@ def test_a_feasible_gradient_is_returned_as_it_is() -> None:
 def test_nan_and_infinity_end_as_a_numerical_error(part: int, poison: float) -> None:
     data = [array.copy() for array in touching(rng_for(10), 3, 9)]
     data[part].flat[1] = poison
-    d, mu = np.empty(9), np.empty(3)
-    status, _, _ = compiled_kernels().solve_cone(*data, TOLERANCE, d, mu)
-    assert status == Status.NUMERICAL_ERROR
-    assert not d.any()
-    assert not mu.any()
+    answer = solved(tuple(data))
+    assert answer.status == Status.NUMERICAL_ERROR
+    assert not answer.value.any()
+    assert not answer.multipliers.any()
 
 
 def test_inputs_may_be_read_only_and_stay_as_they_are() -> None:
@@ -123,22 +116,15 @@ def test_inputs_may_be_read_only_and_stay_as_they_are() -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-def test_outputs_that_are_not_contiguous_are_refused_rather_than_lost() -> None:
-    g, J, b, E = (np.stack([array] * 2) for array in touching(rng_for(12), 3, 9))
-    counts = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
-    with pytest.raises(TypeError, match="No matching definition"):
-        compiled_kernels().solve_cone_batch(g, J, b, E, TOLERANCE, np.empty((2, 18))[:, ::2], np.empty((2, 3)), *counts)
-
-
 def test_the_kernel_judges_its_answers_as_the_referee_does() -> None:
     rng = rng_for(13)
     for draw in (mixed, nearly_opposing, lambda rng: touching(rng, 4, 9)):
         data = draw(rng)
-        d, mu = np.empty(len(data[0])), np.empty(len(data[2]))
-        status, _, worst = compiled_kernels().solve_cone(*data, 1e-30, d, mu)  # no answer is that good
-        assert status in (Status.OPTIMAL, Status.UNCERTIFIED)
+        d, mu, report = np.empty(len(data[0])), np.empty(len(data[2])), np.empty(3)
+        project_stacked(False, 0, *data, TOLERANCE, d, mu, report)
+        assert report[0] in (Status.OPTIMAL, Status.UNCERTIFIED)
         direction = SimpleNamespace(value=d, multipliers=mu)
-        assert abs(worst - kkt_residuals(DirectionProblem(*data), direction).worst) <= 1e-15
+        assert abs(report[2] - kkt_residuals(DirectionProblem(*data), direction).worst) <= 1e-15
 
 
 def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path) -> None:
@@ -160,12 +146,10 @@ def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path
 
 @pytest.mark.parametrize("draw", [touching, mixed], ids=lambda draw: draw.__name__)
 def test_the_direct_pass_and_the_thorough_kernel_agree(draw) -> None:
-    from cpgrl_opt.solvers.compiled._second_thoughts import solved_thoroughly
-
     rng, answered = rng_for(11), 0
     for _ in range(50):
         g, J, b, E = draw(rng, 4, 6) if draw is touching else draw(rng)
-        [(thorough, _)] = solved_thoroughly(False, g[None], J[None], b[None], E[None], TOLERANCE)
+        [thorough] = solve_thoroughly(ProblemBatch.trusted(g[None], J[None], b[None], E[None]), TOLERANCE)
         direct = directly(g, J, b, E)
         if direct is not None:
             answered += 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import DirectionProblem, Status, farkas_residual, kkt_residuals
-from cpgrl_opt.solvers.kernels import compiled_kernels
+from cpgrl_opt.solvers.exact_core import project
 
 TOLERANCE = 1e-12  # of the optimality residuals; what the method promises
 EXACT = 1e-13  # relative distance to an answer in rational arithmetic
@@ -26,18 +26,8 @@ def rotation(rng: np.random.Generator, n: int) -> np.ndarray:
 
 
 def solved(data: Data, *, tangent: bool = False, tolerance: float = TOLERANCE) -> SimpleNamespace:
-    g, J, b, E = data
-    d, mu = np.full(J.shape[1], np.nan), np.full(len(J), np.nan)
-    solve = compiled_kernels().solve_tangent if tangent else compiled_kernels().solve_cone
-    status, iterations, worst = solve(g, np.ascontiguousarray(J), b, E, tolerance, d, mu)
-    return SimpleNamespace(
-        value=d,
-        multipliers=mu,
-        status=Status(status),
-        iterations=iterations,
-        worst=worst,
-        problem=DirectionProblem(*data),
-    )
+    problem = DirectionProblem(*data)
+    return SimpleNamespace(**vars(project(problem, tolerance, tangent=tangent)), problem=problem)
 
 
 def inequalities(m: int) -> np.ndarray:

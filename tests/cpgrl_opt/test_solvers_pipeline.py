@@ -11,9 +11,9 @@ from cpgrl_opt.solvers import SOLVERS, is_usable
 from cpgrl_opt.solvers.factorization import pivoted_qr, solve_upper
 from cpgrl_opt.solvers.infeasibility import least_violation
 from cpgrl_opt.solvers.least_distance import least_distance
-from cpgrl_opt.solvers.polishing import polished, project_onto_face
-from cpgrl_opt.solvers.preparation import solve_prepared
-from cpgrl_opt.solvers.reduction import BackEndAnswer, ReducedProblem, reduce_problem, scale_problem
+from cpgrl_opt.solvers.pipeline import solve_by
+from cpgrl_opt.solvers.polishing import polish, project_onto_face
+from cpgrl_opt.solvers.small_problem import SmallAnswer, SmallProblem, reduce_problem, scale_problem
 
 TOLERANCE = 1e-9
 
@@ -26,8 +26,8 @@ def problem_of(seed: int, n: int = 50, m: int = 4) -> DirectionProblem:
 
 def test_scaling_makes_unit_rows_and_sizes_of_one() -> None:
     scaled = scale_problem(problem_of(0))
-    np.testing.assert_allclose(np.linalg.norm(scaled.rows, axis=1), 1.0, rtol=1e-14)
-    assert max(np.linalg.norm(scaled.gradient), scaled.bound.max()) == pytest.approx(1.0)
+    np.testing.assert_allclose(np.linalg.norm(scaled.small.rows, axis=1), 1.0, rtol=1e-14)
+    assert max(np.linalg.norm(scaled.small.center), scaled.small.bound.max()) == pytest.approx(1.0)
 
 
 def test_scaling_leaves_out_zero_rows_and_rows_that_are_off() -> None:
@@ -44,17 +44,17 @@ def test_multipliers_come_back_in_the_problems_units() -> None:
 
 def test_reduction_keeps_every_angle_in_at_most_m_plus_1_coordinates() -> None:
     scaled = scale_problem(problem_of(1))
-    reduced, basis = reduce_problem(scaled)
+    small, basis = reduce_problem(scaled.small)
     assert basis.shape == (50, 5)
     np.testing.assert_allclose(basis.T @ basis, np.eye(5), atol=1e-14)
-    np.testing.assert_allclose(reduced.rows @ reduced.rows.T, scaled.rows @ scaled.rows.T, atol=1e-14)
-    np.testing.assert_allclose(reduced.rows @ reduced.center, scaled.rows @ scaled.gradient, atol=1e-14)
+    np.testing.assert_allclose(small.rows @ small.rows.T, scaled.small.rows @ scaled.small.rows.T, atol=1e-14)
+    np.testing.assert_allclose(small.rows @ small.center, scaled.small.rows @ scaled.small.center, atol=1e-14)
 
 
 def test_reduction_sees_that_rows_depend() -> None:
     rows = np.random.default_rng(2).normal(size=(2, 30))
     problem = DirectionProblem(rows.sum(axis=0), np.vstack([rows, -rows.sum(axis=0), 1e8 * rows[0]]))
-    _, basis = reduce_problem(scale_problem(problem))
+    _, basis = reduce_problem(scale_problem(problem).small)
     assert basis.shape == (30, 2)
 
 
@@ -74,11 +74,11 @@ def test_a_row_too_slack_to_matter_comes_back_when_the_answer_violates_it() -> N
     problem = DirectionProblem([0.1, 0.2, 0.3], rows, [1, 1, -1.9e3])
     seen: list[int] = []
 
-    def counting(reduced: ReducedProblem) -> BackEndAnswer:
-        seen.append(len(reduced.bound))
-        return least_distance(reduced)
+    def counting(small: SmallProblem) -> SmallAnswer:
+        seen.append(len(small.bound))
+        return least_distance(small)
 
-    answer = solve_prepared(problem, counting, tolerance=TOLERANCE)
+    answer = solve_by(counting, problem, tolerance=TOLERANCE)
     assert seen == [2, 3]
     assert answer.status == Status.OPTIMAL
     assert answer.multipliers[2] > 0.0
@@ -88,11 +88,11 @@ def blurred(size: float, seed: int = 0) -> "object":
     """least_distance with an error of `size` in x and μ, as a first-order method leaves it."""
     rng = np.random.default_rng(seed)
 
-    def back_end(reduced: ReducedProblem) -> BackEndAnswer:
-        exact = least_distance(reduced)
+    def back_end(small: SmallProblem) -> SmallAnswer:
+        exact = least_distance(small)
         assert exact.point is not None
         assert exact.multipliers is not None
-        return BackEndAnswer(
+        return SmallAnswer(
             exact.point + size * rng.normal(size=exact.point.shape),
             exact.multipliers + size * rng.random(size=exact.multipliers.shape),
         )
@@ -104,19 +104,19 @@ def blurred(size: float, seed: int = 0) -> "object":
 def test_polishing_certifies_what_a_first_order_method_found(seed: int) -> None:
     problem = problem_of(seed)
     back_end = blurred(1e-6, seed)
-    raw = solve_prepared(problem, back_end, tolerance=TOLERANCE, polish=False)  # type: ignore[arg-type]
-    better = solve_prepared(problem, back_end, tolerance=TOLERANCE)  # type: ignore[arg-type]
+    raw = solve_by(back_end, problem, tolerance=TOLERANCE, polished=False)  # type: ignore[arg-type]
+    better = solve_by(back_end, problem, tolerance=TOLERANCE)  # type: ignore[arg-type]
     assert raw.status == Status.UNCERTIFIED
     assert better.status == Status.OPTIMAL
     assert kkt_residuals(problem, better).worst <= 1e-13
 
 
 def test_polishing_does_not_hide_a_wrong_answer() -> None:
-    def idle(reduced: ReducedProblem) -> BackEndAnswer:
-        return BackEndAnswer(reduced.center.copy(), np.zeros(len(reduced.bound)))
+    def idle(small: SmallProblem) -> SmallAnswer:
+        return SmallAnswer(small.center.copy(), np.zeros(len(small.bound)))
 
     problem = problem_of(0)
-    answer = solve_prepared(problem, idle, tolerance=TOLERANCE)
+    answer = solve_by(idle, problem, tolerance=TOLERANCE)
     assert answer.status == Status.UNCERTIFIED
     assert kkt_residuals(problem, answer).worst > 0.1
 
@@ -124,7 +124,7 @@ def test_polishing_does_not_hide_a_wrong_answer() -> None:
 def test_polishing_drops_an_undecided_row_with_a_negative_multiplier() -> None:
     problem = DirectionProblem([1.0, 1.0], [[-1, 0], [-1, 1e-8]])  # d = (0, 1): the second row is 1e-8 away
     scaled = scale_problem(problem)
-    points = list(polished(scaled, np.array([0.0, 1.0]) / scaled.scale, np.array([0.5, 0.2])))
+    points = list(polish(scaled.small, np.array([0.0, 1.0]) / scaled.scale, np.array([0.5, 0.2])))
     d, multipliers = points[-1]
     np.testing.assert_allclose(d * scaled.scale, [0, 1], atol=1e-15)
     assert multipliers[1] == 0.0
@@ -133,25 +133,25 @@ def test_polishing_drops_an_undecided_row_with_a_negative_multiplier() -> None:
 def test_a_face_of_dependent_rows_has_multipliers_with_the_right_signs() -> None:
     rows = np.array([[1.0, 0], [0, 1], [1, 1], [2, 1]])
     scaled = scale_problem(DirectionProblem([-1.0, -2.0], rows))
-    d, multipliers = project_onto_face(scaled, np.ones(4, dtype=np.bool_))
+    d, multipliers = project_onto_face(scaled.small, np.ones(4, dtype=np.bool_))
     np.testing.assert_allclose(d, 0.0, atol=1e-15)
     assert (multipliers >= 0.0).all()
-    np.testing.assert_allclose(multipliers @ scaled.rows, d - scaled.gradient, atol=1e-15)
+    np.testing.assert_allclose(multipliers @ scaled.small.rows, d - scaled.small.center, atol=1e-15)
 
 
 @pytest.mark.parametrize("failure", [Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.ITERATION_LIMIT])
 def test_a_feasible_problem_is_not_infeasible_because_a_back_end_says_so(failure: Status) -> None:
-    gives_up = BackEndAnswer(None, None, failure=failure)
-    answer = solve_prepared(problem_of(4), lambda _: gives_up, tolerance=TOLERANCE)
+    gives_up = SmallAnswer(None, None, failure=failure)
+    answer = solve_by(lambda _: gives_up, problem_of(4), tolerance=TOLERANCE)
     assert answer.status == (Status.ITERATION_LIMIT if failure == Status.ITERATION_LIMIT else Status.NUMERICAL_ERROR)
     assert not answer.value.any()
 
 
 def test_an_answer_that_is_not_a_number_is_a_numerical_error() -> None:
-    def back_end(reduced: ReducedProblem) -> BackEndAnswer:
-        return BackEndAnswer(np.full(reduced.center.shape, np.nan), np.zeros(reduced.bound.shape))
+    def back_end(small: SmallProblem) -> SmallAnswer:
+        return SmallAnswer(np.full(small.center.shape, np.nan), np.zeros(small.bound.shape))
 
-    answer = solve_prepared(problem_of(5), back_end, tolerance=TOLERANCE)
+    answer = solve_by(back_end, problem_of(5), tolerance=TOLERANCE)
     assert answer.status == Status.NUMERICAL_ERROR
     assert not answer.value.any()
 
@@ -159,15 +159,15 @@ def test_an_answer_that_is_not_a_number_is_a_numerical_error() -> None:
 def test_a_back_end_that_misses_a_far_answer_is_asked_again_in_larger_units() -> None:
     sizes: list[float] = []
 
-    def short_sighted(reduced: ReducedProblem) -> BackEndAnswer:
-        sizes.append(float(reduced.bound.max()))
-        answer = least_distance(reduced)
+    def short_sighted(small: SmallProblem) -> SmallAnswer:
+        sizes.append(float(small.bound.max()))
+        answer = least_distance(small)
         assert answer.point is not None
-        return answer if np.abs(answer.point).max() < 10 else BackEndAnswer(None, None, failure=Status.INFEASIBLE)
+        return answer if np.abs(answer.point).max() < 10 else SmallAnswer(None, None, failure=Status.INFEASIBLE)
 
     t = 1e-5
     problem = DirectionProblem([1.0, 0, 1], [[1, 0, 0], [-np.cos(t), np.sin(t), 0]], [1, 1])
-    answer = solve_prepared(problem, short_sighted, tolerance=TOLERANCE)
+    answer = solve_by(short_sighted, problem, tolerance=TOLERANCE)
     assert answer.status == Status.OPTIMAL
     assert len(sizes) == 3
     assert sizes[2] == pytest.approx(1e-6 * sizes[0])

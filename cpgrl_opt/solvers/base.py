@@ -1,0 +1,111 @@
+"""What our solvers share: a core each, and one pipeline around it."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from ..direction import Direction, DirectionBatch
+from ..problem import DirectionProblem, ProblemBatch
+from ..settings import CheckedSettings
+from .geometry import solve_batch_transformed, solve_transformed
+from .interface import no_answers, unsupported
+from .pipeline import solve_by
+from .small_problem import SmallAnswer, SmallProblem
+from .span import solve_in_span
+
+
+class Solver(CheckedSettings):
+    """Base of a frozen dataclass of settings around a core, `solve_small`.
+
+    `solve` and `solve_batch` own what stands before and behind it: long vectors are taken to the coordinates of their
+    own span (see `span`), a metric is a change of coordinates and a ball a search (see `geometry`), all numbers are
+    scaled to about 1, and the referee judges the answer on the problem as it was given.
+    """
+
+    takes_geometry: ClassVar[bool] = True
+    declines_by_itself: ClassVar[bool] = True
+
+    tolerance: float
+    polish: bool = True
+
+    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
+        """Equalities, cones and bounds."""
+        return True
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction; see `Status`."""
+        if problem.metric is not None or problem.radius is not None:
+            return self.solve_in_geometry(problem)
+        if problem.is_long:
+            return solve_in_span(self.solve_rows, problem, self.tolerance)
+        return self.solve_rows(problem)
+
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """B problems of one shape, each exactly as `solve` solves it."""
+        stacked = ProblemBatch.stack(problems)
+        if len(stacked) == 0:
+            return no_answers(stacked)
+        if stacked.metric is not None or stacked.radius is not None:
+            return solve_batch_transformed(self.solve_rows, self.solve_rows_batch, stacked, self.tolerance)
+        if stacked[0].is_long:
+            return DirectionBatch.stack([self.solve(problem) for problem in stacked])
+        return self.solve_rows_batch(stacked)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The core: x and μ of the small problem, as far as the method gets."""
+        raise NotImplementedError
+
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
+        """The direction of a problem with M = I, no ball and short vectors."""
+        if not self.supports(problem):
+            return unsupported(problem)
+        return solve_by(self.solve_small, problem, tolerance=self.tolerance, polished=self.polish)
+
+    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
+        """B such problems."""
+        return DirectionBatch.stack([self.solve_rows(problem) for problem in problems])
+
+    def solve_in_geometry(self, problem: DirectionProblem) -> Direction:
+        """The direction of a problem with a metric, a radius or both."""
+        return solve_transformed(self.solve_rows, problem, self.tolerance)
+
+
+class Session(Solver):
+    """A solver's workspace for problems of one shape; its core is `solve_small`."""
+
+    def __init__(self, settings: Solver, n: int, m: int) -> None:
+        self.tolerance, self.polish = settings.tolerance, settings.polish
+        self.n, self.m = n, m
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction; ValueError unless the problem has the session's shape."""
+        if (problem.m, problem.n) != (self.m, self.n):
+            raise ValueError(
+                f"problem should have m = {self.m} and n = {self.n} as its session; "
+                f"found m = {problem.m}, n = {problem.n}"
+            )
+        return super().solve(problem)
+
+
+class SolverWithSessions(Solver):
+    """Base of a solver whose core keeps a workspace for one shape."""
+
+    def session(self, n: int, m: int, *, warm_start: bool = False) -> Session:
+        """A workspace for problems with n parameters and m constraints; warm_start: from the last answer."""
+        raise NotImplementedError
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction from a workspace of its own; see `Status`. Raises MissingPackageError."""
+        return self.session(problem.n, problem.m).solve(problem)
+
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """The directions of problems of one shape, one after the other in one workspace, each from a cold start."""
+        stacked = ProblemBatch.stack(problems)
+        if len(stacked) == 0:
+            return no_answers(stacked)
+        session = self.session(stacked[0].n, stacked[0].m)
+        return DirectionBatch.stack([session.solve(problem) for problem in stacked])
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The core, in a workspace of its own."""
+        count, k = small.rows.shape
+        return self.session(k, count).solve_small(small)

@@ -1,0 +1,68 @@
+"""The exact core: projections by the compiled kernels, one problem or B problems of one shape, with a proven status.
+
+    min_d ½‖d − g‖²   s.t.   Jᵢ d ≥ bᵢ (i ∈ I),   Jᵢ d = bᵢ (i ∈ E)
+
+The direct pass answers where rows are well apart, `thorough` the rest. M = I, no ball, C-contiguous arrays. Nothing is
+checked but that NaN and overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them.
+"""
+
+import numpy as np
+
+from ..direction import Direction, DirectionBatch, Status
+from ..problem import DirectionProblem, ProblemBatch
+from .compiled._direct import OPEN, project_directly
+from .compiled._projection import project_stacked
+from .thorough import solve_thoroughly
+
+_OPTIMAL = Status.OPTIMAL
+
+
+def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction:
+    """The certified direction. tangent: UNSUPPORTED if an inequality is on (bound > −inf).
+
+    Every microsecond here is a good part of the time of a whole solve.
+    """
+    g, J, b, E = problem.gradient, problem.jacobian, problem.bound, problem.equality
+    value, multipliers, report = np.empty(len(g)), np.empty(len(b)), np.empty(3)
+    project_directly.run(tangent, g, J, b, E, tolerance, value, multipliers, report)
+    status, changes, _ = report.tolist()
+    if status == OPEN:
+        alone = ProblemBatch.trusted(g[None], J[None], b[None], E[None])
+        [answer] = solve_thoroughly(alone, tolerance, tangent=tangent)
+        return answer
+    return Direction.found(value, multipliers, _OPTIMAL, int(changes), "rows")
+
+
+def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
+    """B problems, each exactly as `project` answers it."""
+    count, m, n = problems.jacobian.shape
+    value, multipliers, report = np.empty((count, n)), np.empty((count, m)), np.empty((3, count))
+    project_directly.machine_code(
+        tangent,
+        problems.gradient.reshape(-1),
+        problems.jacobian.reshape(-1, n),
+        problems.bound.reshape(-1),
+        problems.equality.reshape(-1),
+        tolerance,
+        value.reshape(-1),
+        multipliers.reshape(-1),
+        report.reshape(-1),
+    )
+    status, iterations = report[:2].astype(np.int64)
+    left = np.flatnonzero(status)  # OPTIMAL is 0
+    if left.size:
+        answers = solve_thoroughly(problems.chosen(status != 0), tolerance, tangent=tangent)
+        for k, answer in zip(left, answers, strict=True):
+            status[k], value[k], multipliers[k] = answer.status, answer.value, answer.multipliers
+            iterations[k] = answer.iterations
+    return DirectionBatch(value, multipliers, status, iterations)
+
+
+def compile_kernels(*, thorough: bool = True) -> None:
+    """Compiles the kernels, or loads them from the disk cache, now rather than when there is work enough for it.
+
+    thorough: also the one for hard and infeasible problems, which takes 10 s to compile.
+    """
+    _ = project_directly.machine_code
+    if thorough:
+        _ = project_stacked.machine_code

@@ -1,0 +1,58 @@
+"""Somebody's cone solver made to take metrics and radii: a solver that declares nothing is never asked for them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..direction import Direction, DirectionBatch
+from ..problem import DirectionProblem, ProblemBatch
+from .asking import ask
+from .base import Solver
+from .geometry import without_geometry
+from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
+
+
+@dataclass(frozen=True)
+class WithGeometry(Solver):
+    """Metric and radius around a solver of somebody's own.
+
+    solver: an object with `solve`, for Euclidean problems without a ball.
+    """
+
+    solver: DirectionSolver
+
+    def __post_init__(self) -> None:
+        if isinstance(self.solver, type) or not callable(getattr(self.solver, "solve", None)):
+            raise ValueError(f"solver should have a method solve(problem); found {self.solver!r}")
+        _ = self.tolerance  # checked
+
+    @property
+    def tolerance(self) -> float:  # type: ignore[override]
+        """The solver's own: the worst KKT residual of an OPTIMAL answer."""
+        return tolerance_of(self.solver)
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """Whether the solver takes the constraints, in whatever geometry."""
+        return supports(self.solver, without_geometry(problem))
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The direction of the transformed problem, judged on the problem itself; see `Status`."""
+        if not self.supports(problem):
+            return unsupported(problem)
+        if problem.metric is None and problem.radius is None:
+            return self.solve_rows(problem)
+        return self.solve_in_geometry(problem)
+
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """B problems of one shape."""
+        stacked = ProblemBatch.stack(problems)
+        if not all(map(self.supports, stacked)):
+            return DirectionBatch.stack([self.solve(problem) for problem in stacked])
+        return super().solve_batch(stacked)
+
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
+        """The solver's own answer."""
+        return ask(self.solver, problem)
+
+    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
+        """The solver's own answers."""
+        return solve_batch(self.solver, problems)
