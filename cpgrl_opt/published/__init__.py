@@ -14,6 +14,7 @@ the table of all, `docs/published.md`.
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from ..function_solver import FunctionSolver, claimed_direction
 from ._a_gem import AGEM
 from ._cpo import CPO
 from ._crpo import CRPO
@@ -22,7 +23,6 @@ from ._mgda import MGDA
 from ._pcgrad import PCGrad
 from ._pcpo import PCPO
 from ._upgrad import UPGrad
-from .adapter import FunctionSolver, claimed_direction
 from .interface import Declaration, PublishedMethod
 
 PUBLISHED: Mapping[str, PublishedMethod] = MappingProxyType(

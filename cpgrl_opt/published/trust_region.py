@@ -11,8 +11,8 @@ import numpy as np
 
 from ..arrays import Vector
 from ..direction import Direction, Status
+from ..function_solver import require_finite
 from ..problem import DirectionProblem, euclidean, lengths
-from .adapter import require_finite
 
 
 @dataclass(frozen=True, eq=False)

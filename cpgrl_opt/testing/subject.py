@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ..published.adapter import FunctionSolver
+from ..function_solver import FunctionSolver
 from ..solvers.interface import DirectionSolver
 
 
