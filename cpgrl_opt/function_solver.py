@@ -30,7 +30,7 @@ from .direction import Direction, Status
 from .problem import DirectionProblem, lengths, unit_rows
 from .settings import require_tolerance
 from .solvers import SOLVERS
-from .solvers.interface import DEFAULT_TOLERANCE, tolerance_of
+from .solvers.facts import DEFAULT_TOLERANCE, tolerance_of
 from .validation import real_values
 
 

@@ -25,6 +25,7 @@ from .solvers import (
     ActiveSet,
     DirectionSolver,
     Rosen,
+    facts_of,
     refereed,
     solve_batch,
     solver_named,
@@ -145,7 +146,7 @@ class ConstrainedStep(ReadOnlyArrays):
                 f"{self.restoration_rate!r} / {self.step_size!r}"
             )
         geometry = StepGeometry.of(self.metric, self.radius)
-        if geometry is not None and not getattr(self.solver, "takes_geometry", False):
+        if geometry is not None and not facts_of(self.solver).takes_geometry:
             raise ValueError(
                 f"solver should take metric and radius; found {self.solver!r}, which does not say so. Wrap it: "
                 "cpgrl_opt.WithGeometry(solver)"
@@ -167,7 +168,7 @@ class ConstrainedStep(ReadOnlyArrays):
         ):
             return None
         solver = type(self.solver) is Rosen, formulation.is_equality, formulation.restores_inside
-        rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)  # type: ignore[arg-type]
+        rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)
         return *solver, *rates, NEGLIGIBLE
 
     def __call__(

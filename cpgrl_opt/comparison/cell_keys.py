@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from typing import Any
 
-from ..solvers import SOLVERS
+from ..solvers import SOLVERS, facts_of
 from .checkpoint import CellKey
 from .contestants import solver_of
 from .named_families import digests
@@ -38,7 +38,7 @@ def cell_keys(cells: Iterable[CellKey]) -> dict[CellKey, str]:
 def _solver(name: str) -> dict[str, Any]:
     solver = solver_of(name)
     facts: dict[str, Any] = {"settings": settings_of(solver)}
-    packages = {getattr(solver, "package", None)} - {None}
+    packages = set(facts_of(solver).packages[:1])
     if name not in SOLVERS:
         sources = sources_of(name.partition(":")[0], apart=__name__.partition(".")[0])
         distributions = packages_distributions() if sources.installed else {}

@@ -1,7 +1,6 @@
 """Recorded problems put to a solver again: as a family of problems, and in the order met, cold or warm-started."""
 
 from dataclasses import dataclass
-from inspect import signature
 from time import process_time
 from typing import Any
 
@@ -12,6 +11,7 @@ from ..arrays import Float, Int
 from ..certify import kkt_residuals
 from ..problem import DirectionProblem
 from ..solvers.asking import in_form
+from ..solvers.facts import facts_of
 from ..solvers.infeasibility import least_violation
 from ..solvers.interface import DirectionSolver
 from .families import ProblemFamily
@@ -42,7 +42,7 @@ def replay(recording: Recording, solver: DirectionSolver, *, warm: bool = False,
     warm: each problem but a sequence's first starts at the answer to the one before; ValueError for a solver without
     an explicit warm start, which is a method `session(n, m, warm_start=...)`.
     """
-    if warm and not _has_session(solver):
+    if warm and not facts_of(solver).has_warm_start:
         raise ValueError(f"solver should have a session with warm_start to be replayed warm; found {solver!r}")
     if repeats < 1:
         raise ValueError(f"repeats should be an integer ≥ 1; found {repeats!r}")
@@ -52,7 +52,7 @@ def replay(recording: Recording, solver: DirectionSolver, *, warm: bool = False,
     for _ in range(repeats):
         for sequence in recording.sequences:
             first = recording.problems[sequence[0]]
-            if _has_session(solver):
+            if facts_of(solver).has_warm_start:
                 session: Any = solver
                 asked = session.session(first.n, first.m, warm_start=warm)
             else:
@@ -72,11 +72,6 @@ def _solve(solver: DirectionSolver, problem: DirectionProblem, index: int, done:
     done.iterations[index] = direction.iterations
     done.worst[index] = kkt_residuals(problem, direction).worst
     done.seconds[index] = min(done.seconds[index], seconds)
-
-
-def _has_session(solver: DirectionSolver) -> bool:
-    session: Any = getattr(solver, "session", None)
-    return session is not None and "warm_start" in signature(session).parameters
 
 
 def recorded_family(recording: Recording, name: str) -> ProblemFamily:

@@ -11,15 +11,13 @@ from .active_set import ActiveSet
 from .asking import vouch_for
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
+from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
 from .interface import (
-    DEFAULT_TOLERANCE,
     DirectionSolver,
     MissingPackageError,
     UnusablePackageError,
     refereed,
     solve_batch,
-    supports,
-    tolerance_of,
 )
 from .nnls import NNLS
 from .osqp import OSQP
@@ -90,9 +88,8 @@ def is_usable(solver: DirectionSolver) -> bool:
 
 
 def packages_of(solver: DirectionSolver) -> tuple[str, ...]:
-    """Its `package` and what else it is declared to stand on in `also_needs`; nothing for a solver that names none."""
-    package = getattr(solver, "package", None)
-    return () if package is None else (package, *getattr(solver, "also_needs", ()))
+    """`facts_of(solver).packages`."""
+    return facts_of(solver).packages
 
 
 __all__ = [
@@ -112,6 +109,7 @@ __all__ = [
     "UnusablePackageError",
     "WithGeometry",
     "compile_kernels",
+    "facts_of",
     "has_package",
     "is_installed",
     "is_usable",

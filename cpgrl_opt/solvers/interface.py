@@ -16,12 +16,10 @@ from ..certify import (
 )
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
-from ..settings import require_tolerance
 from .asking import ask, ask_batch
+from .facts import facts_of
 from .infeasibility import infeasible_direction, misses_a_bound
 
-DEFAULT_TOLERANCE = 1e-6  # of a third party's solver that states none
-_LEAST_IN_SINGLE = 4 * 2.0**-23  # rounding d to float32 leaves half an eps of each number, and as much in a product
 # A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
 _FAR = 100.0
 
@@ -151,48 +149,6 @@ class UnusablePackageError(MissingPackageError):
         )
 
 
-def tolerance_of(solver: DirectionSolver) -> float:
-    """The worst KKT residual that the solver allows an OPTIMAL answer; ValueError unless in (0, 1e-3].
-
-    At least 4 eps of float32 where the solver says that it computes in it.
-    """
-    declared: Any = getattr(solver, "tolerance", DEFAULT_TOLERANCE)
-    require_tolerance(declared)
-    tolerance = float(declared)
-    return max(tolerance, _LEAST_IN_SINGLE) if computes_in_single(solver) else tolerance
-
-
-def finds_infeasible(solver: DirectionSolver) -> bool:
-    """Whether the solver calls INFEASIBLE what is; it does unless it says `finds_infeasible = False`."""
-    return bool(getattr(solver, "finds_infeasible", True))
-
-
-def computes_in_single(solver: DirectionSolver) -> bool:
-    """Whether the solver says `dtype = "float32"`."""
-    return is_single(getattr(solver, "dtype", None))
-
-
-def is_single(dtype: Any) -> bool:
-    """Whether it is float32: a name, or NumPy's, PyTorch's or JAX's."""
-    return str(dtype).rpartition(".")[2].strip("'<>") == "float32"
-
-
-def supports(solver: DirectionSolver, problem: DirectionProblem) -> bool:
-    """Whether the solver takes this problem; one that declares nothing takes equalities, the cone and bounds.
-
-    A metric or a radius only where it has `takes_geometry = True`: a `supports` that was written without a thought of
-    them takes them for nothing.
-    """
-    has_geometry = problem.metric is not None or problem.radius is not None
-    if has_geometry and not getattr(solver, "takes_geometry", False):
-        return False
-    declared: Any = getattr(solver, "supports", None)
-    found = True if declared is None else declared(problem)
-    if not isinstance(found, bool | np.bool_):
-        raise ValueError(f"supports should return True or False; found {found!r}, from {solver!r}")
-    return bool(found)
-
-
 def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
     """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop.
 
@@ -202,11 +158,11 @@ def solve_batch(solver: DirectionSolver, problems: ProblemBatch | Sequence[Direc
     if len(problems) == 0:
         return no_answers(problems)
     problems = ProblemBatch.stack(problems)
-    has_batch = getattr(solver, "solve_batch", None) is not None
-    if has_batch and getattr(solver, "declines_by_itself", False):
+    facts = facts_of(solver)
+    if facts.declines_by_itself:
         return ask_batch(solver, problems)
-    taken = np.array([supports(solver, problem) for problem in problems], dtype=np.bool_)
-    if not has_batch:
+    taken = np.array([facts.supports(problem) for problem in problems], dtype=np.bool_)
+    if not facts.has_batch:
         pairs = zip(problems, taken, strict=True)
         return DirectionBatch.stack([ask(solver, each) if takes else unsupported(each) for each, takes in pairs])
     if taken.all():

@@ -7,8 +7,9 @@ from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .asking import ask
 from .base import Solver
+from .facts import supports, tolerance_of
 from .geometry import without_geometry
-from .interface import DirectionSolver, solve_batch, supports, tolerance_of, unsupported
+from .interface import DirectionSolver, solve_batch, unsupported
 
 
 @dataclass(frozen=True)

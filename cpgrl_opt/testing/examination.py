@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
 
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
 from .domain import rare_shapes, traits_of
 from .draws import only_shapes, small_shapes
 from .law import LawBroken, Outcome, takes

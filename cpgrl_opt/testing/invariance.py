@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
 from .law import Answer, NothingClaimed, Outcome, law, length, optimum_of, require_at_most, varied, whitened
 from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound

@@ -23,7 +23,7 @@ import numpy as np
 from .._process_group import ProcessGroup
 from ..problem import DirectionProblem
 from ..solvers import compile_kernels
-from ..solvers.interface import tolerance_of
+from ..solvers.facts import tolerance_of
 from .counterexample import counterexample_code
 from .laws import LAWS, Law
 from .subject import CannotCheck, Subject, load_subject

@@ -13,7 +13,8 @@ from ..arrays import Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem, lengths
 from ..solvers import SOLVERS
-from ..solvers.interface import DirectionSolver, computes_in_single, is_single, supports, tolerance_of
+from ..solvers.facts import facts_of, is_single, supports, tolerance_of
+from ..solvers.interface import DirectionSolver
 
 # Below it float32 loses digits, and a processor in its fast mode takes the number for 0.
 _LEAST_NORMAL_IN_SINGLE = float(np.finfo(np.float32).tiny)
@@ -82,7 +83,7 @@ def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
             f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
             f"{described(problem)}"
         )
-    return said[0] and (not computes_in_single(solver) or is_held_in_single(problem))
+    return said[0] and (not facts_of(solver).is_single or is_held_in_single(problem))
 
 
 def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:

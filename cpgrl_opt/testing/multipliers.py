@@ -4,7 +4,8 @@ import numpy as np
 
 from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
 from .law import Answer, length, require_at_most, whitened
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
     LawBroken,

@@ -11,7 +11,8 @@ import numpy as np
 from ..certify import kkt_residuals
 from ..problem import DirectionProblem, euclidean, unit_rows
 from ..projection import RANK_TOLERANCE
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
 from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most, whitened
 from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound, distance_bound, hoffman_constant

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Vector
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
     NothingClaimed,

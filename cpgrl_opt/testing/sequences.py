@@ -1,12 +1,12 @@
 """Laws of many problems at once: a batch is a loop, and a warm start is a cold start that is found sooner."""
 
 from collections.abc import Sequence
-from inspect import signature
 from typing import Any, cast
 
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.interface import DirectionSolver, tolerance_of
+from ..solvers.facts import facts_of, tolerance_of
+from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
     LawBroken,
@@ -70,13 +70,12 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
 
 def has_batch(solver: DirectionSolver) -> bool:
     """Whether the solver has a solve_batch of its own."""
-    return hasattr(solver, "solve_batch")
+    return facts_of(solver).has_batch
 
 
 def has_warm_start(solver: DirectionSolver) -> bool:
     """Whether the solver has a `session` with a setting warm_start."""
-    session: Any = getattr(solver, "session", None)
-    return session is not None and "warm_start" in signature(session).parameters
+    return facts_of(solver).has_warm_start
 
 
 def _asked(solve_batch: Any, problems: Sequence[DirectionProblem]) -> Any:

@@ -6,7 +6,8 @@ from typing import Any
 
 from scipy.special import bdtrc
 
-from ..solvers.interface import DirectionSolver, finds_infeasible, tolerance_of
+from ..solvers.facts import facts_of, tolerance_of
+from ..solvers.interface import DirectionSolver
 from ..validation import require_member
 from .counterexample import counterexample_code
 from .examination import Examination, examine
@@ -212,7 +213,7 @@ def check_law(
 
 def _declined_too_often(law: Law, solver: DirectionSolver, found: Examination) -> str:
     """What is wrong with the number of problems that the solver declined, and what to do about it."""
-    if law.may_decline or (law.about_infeasible and not finds_infeasible(solver)):
+    if law.may_decline or (law.about_infeasible and not facts_of(solver).finds_infeasible):
         return ""
     is_rate = found.run >= _FEW and found.declined > max(1.0, MOST_DECLINED * found.run)
     if not is_rate and _is_by_chance(found.declined, found.run):

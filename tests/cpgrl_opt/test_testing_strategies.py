@@ -1,6 +1,7 @@
 """The generated problems are what their strategies say: feasible or not, of the rank, angle and scale asked for."""
 
 from fractions import Fraction
+from random import Random
 
 import numpy as np
 import pytest
@@ -156,6 +157,7 @@ def test_shrinking_ends_at_numbers_that_fit_on_a_slip_of_paper():
         well_posed_problems([Case.CONE]),
         lambda problem: SOLVERS["enumeration"].solve(problem).multipliers.any(),
         settings=settings(database=None, deadline=None),
+        random=Random(0),
     )
     assert max(problem.n, problem.m) <= 3
     assert np.abs(problem.jacobian).max() <= 1.0
