@@ -1,10 +1,10 @@
-"""Units in which the numbers of a problem in a metric are about 1: powers of two, so that nothing is rounded.
+"""Units in which the numbers of a problem are about 1: powers of two, so that nothing is rounded.
 
     M̃ = DMD,   d = 2^s D d̃,   g̃ = 2^−f Dg,   J̃ᵢ = 2^−kᵢ JᵢD,   b̃ᵢ = 2^−(kᵢ+s) bᵢ,   μᵢ = 2^(f−kᵢ) μ̃ᵢ,   κ = 2^(f−s) κ̃
 
-with D = diag(2^eⱼ) and ¼ ≤ M̃ⱼⱼ < 1; the largest entry of g̃ and of each J̃ᵢ is below 1 and at least ½. Without a radius
-f = s; with one 2^s is the radius's. What underflows here is less than 1e-300 of what it is compared with; whitening the
-problem as it was given could lose all of a row or of g.
+with D = diag(2^eⱼ) and ¼ ≤ M̃ⱼⱼ < 1, D = I without a metric; the largest entry of g̃ and of each J̃ᵢ is below 1 and at
+least ½. Without a radius f = s; with one 2^s is the radius's. What underflows here is less than 1e-300 of what it is
+compared with; whitening the problem as it was given could lose all of a row or of g.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import Float, Int, Multipliers, Vector
-from .metric import Whitening, balancing_exponents
+from .metric import Metric, Whitening, balancing_exponents
 from .problem import DirectionProblem
 from .validation import read_only
 
@@ -50,16 +50,15 @@ class Units:
 
 
 def in_units(problem: DirectionProblem, direction: Vector | None = None) -> Units:
-    """The problem, which has a metric, in its units.
+    """The problem in its units.
 
     Without a radius the unit of length is that of the longer of g and the given direction, so that both are about 1; of
     g and of what the bounds demand where no direction is given.
     """
-    M, whitening = problem.metric, problem.whitening
-    if M is None or whitening is None:
-        raise ValueError("problem should have a metric; found None")
-    diagonal = M if M.ndim == 1 else M.diagonal()
-    columns = balancing_exponents(diagonal)
+    M = problem.metric
+    columns = np.zeros(problem.n, np.int64)
+    if M is not None:
+        columns = balancing_exponents(M if M.ndim == 1 else M.diagonal())
     rows = _largest_exponents(problem.jacobian, columns)
     strength = _largest_exponent(problem.gradient, columns)
     length = _length(problem, (columns, rows), strength, direction)
@@ -70,14 +69,22 @@ def in_units(problem: DirectionProblem, direction: Vector | None = None) -> Unit
         _shifted(problem.bound, -rows - length),
         problem.equality,
     )
-    units = 2 * columns if M.ndim == 1 else columns + columns[:, None]
-    object.__setattr__(scaled, "metric", read_only(_shifted(M, units)))
-    factor = whitening.factor
-    scaled_factor = _shifted(factor, columns if factor.ndim == 1 else columns[:, None])
-    object.__setattr__(scaled, "whitening", Whitening(scaled_factor, whitening.correction))
+    if M is not None:
+        _set_metric(scaled, M, problem.whitening, columns)
     if problem.radius is not None:
         object.__setattr__(scaled, "radius", float(_shifted(np.array(problem.radius), -length)))
     return Units(scaled, columns, rows, length, force)
+
+
+def _set_metric(
+    scaled: DirectionProblem, M: Metric, whitening: Whitening | None, columns: Int[np.ndarray, "n"]
+) -> None:
+    units = 2 * columns if M.ndim == 1 else columns + columns[:, None]
+    object.__setattr__(scaled, "metric", read_only(_shifted(M, units)))
+    if whitening is not None:
+        factor = whitening.factor
+        factor = _shifted(factor, columns if factor.ndim == 1 else columns[:, None])
+        object.__setattr__(scaled, "whitening", Whitening(factor, whitening.correction))
 
 
 def _length(

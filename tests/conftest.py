@@ -60,6 +60,8 @@ jaxtyping.install_import_hook(
         "cpgrl_opt.active_set",
         "cpgrl_opt.direction",
         "cpgrl_opt.formulation",
+        "cpgrl_opt._exact_rest",
+        "cpgrl_opt._violation",
         "cpgrl_opt.certify",
         "cpgrl_opt.linearization",
         "cpgrl_opt.metric",

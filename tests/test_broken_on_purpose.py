@@ -51,8 +51,8 @@ MUTATIONS = {
     ),
     "the referee has the multipliers' sign of eq. 7": Mutation(
         "cpgrl_opt/certify.py",
-        "_norm(d - g - mu @ jacobian)",
-        "_norm(d - g + mu @ jacobian)",
+        "kappa * x - g - mu @ J",
+        "kappa * x - g + mu @ J",
         "cpgrl_opt/test_certify.py",
     ),
     "the trace forgets": Mutation(
