@@ -13,7 +13,8 @@ import numpy as np
 
 from .arrays import Float, Jacobian, Multipliers, Vector
 from .compensated import Pair, products
-from .problem import DirectionProblem, lengths
+from .problem import DirectionProblem
+from .scaling import lengths
 
 # Singular values of unit rows below it are rounding, which leaves √m eps of those of rows that depend: with 1e-16 they
 # would span a direction that they do not. With 1e-9 rows 1e-10 rad apart would be one, and what rounding leaves of a

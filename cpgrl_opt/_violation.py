@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import Mask, Multipliers, Vector
-from .problem import DirectionProblem, euclidean, lengths, unit_rows
+from .problem import DirectionProblem, euclidean
+from .scaling import lengths, unit_rows
 from .units import in_units
 from .validation import real_values, require_shape
 

@@ -52,7 +52,8 @@ from ._violation import (
 from .arrays import Float, Multipliers, Vector
 from .compensated import Pair, products
 from .direction import KKTResiduals
-from .problem import DirectionProblem, UnitRows, unit_rows
+from .problem import DirectionProblem
+from .scaling import UnitRows, unit_rows
 from .units import in_units
 from .validation import real_values, require_shape
 from .vectors import Certificate, is_long

@@ -27,7 +27,8 @@ from ._arguments import bound_argument, name_of
 from .arrays import Multipliers, Vector
 from .certify import farkas_residual, proof_tolerance
 from .direction import Direction, Status
-from .problem import DirectionProblem, lengths, unit_rows
+from .problem import DirectionProblem
+from .scaling import lengths, unit_rows
 from .settings import require_tolerance
 from .solvers import SOLVERS
 from .solvers.facts import DEFAULT_TOLERANCE, tolerance_of

@@ -8,27 +8,22 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 2017, eq. 10).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from ._gate import check_arrays, check_bounds, check_radii, look_at_long, require_gradient_shape
 from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
 from .metric import Metric, Whitening, validated_metric
 from .validation import (
     ReadOnlyArrays,
-    finite_array,
-    finite_copy,
-    mask_array,
     read_only,
-    real_array,
     real_values,
-    real_view,
     require_finite,
     require_positive,
-    require_shape,
 )
 from .vectors import ArrayVectors, is_long
 
@@ -63,20 +58,16 @@ class DirectionProblem:
         metric: ArrayLike | None = None,
         radius: Number | None = None,
     ) -> None:
-        vectors = _long_vectors(gradient, jacobian)
+        vectors = look_at_long(gradient, jacobian)
         if vectors is None:
-            g, J = finite_array("gradient", gradient, 1), finite_array("jacobian", jacobian, 2)
-            m, n = J.shape
+            g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 1)
+            long = type(jacobian) is not np.ndarray and is_long(*J.shape)
+            vars(self).update(gradient=g, jacobian=J, bound=b, equality=E, is_long=long)
+            n = len(g)
         else:
-            g, (m, n) = vectors.gradient, vectors.shape
-        require_shape("gradient", g, (n,))
-        if n == 0:
-            raise ValueError("gradient should have at least one component; found none")
-        vars(self).update(is_long=is_long(m, n))
-        if vectors is None:
-            _set_fields(self, g, J, *_bounds(bound, equality, (m,)))
-        else:
-            self._look_at(vectors, *_bounds(bound, equality, (m,)))
+            m, n = vectors.shape
+            require_gradient_shape(vectors.gradient, (m, n))
+            self._look_at(vectors, *check_bounds(bound, equality, (m,)))
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n))
         if radius is not None:
@@ -92,8 +83,8 @@ class DirectionProblem:
             require_finite("gradient", vectors.gradient)
             for row in vectors.jacobian:
                 require_finite("jacobian", row)
-        known = {"gradient": vectors.gradient, "bound": read_only(bound), "equality": read_only(equality)}
-        vars(self).update(known, _vectors=vectors)
+        known = {"gradient": vectors.gradient, "bound": bound, "equality": equality}
+        vars(self).update(known, is_long=True, _vectors=vectors)
         if isinstance(vectors.jacobian, np.ndarray):
             vars(self).update(jacobian=vectors.jacobian)
 
@@ -197,13 +188,9 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         metric: ArrayLike | None = None,
         radius: ArrayLike | None = None,
     ) -> None:
-        J = finite_array("jacobian", jacobian, 3)
-        runs, _, n = J.shape
-        if n == 0:
-            raise ValueError("gradient should have at least one component; found none")
-        g = finite_array("gradient", gradient, 2)
-        require_shape("gradient", g, (runs, n))
-        _set_fields(self, g, J, *_bounds(bound, equality, J.shape[:-1]))
+        g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 2)
+        vars(self).update(gradient=g, jacobian=J, bound=b, equality=E)
+        runs, n = g.shape
         if metric is not None:
             given = real_values("metric", metric)
             if given.ndim not in (2, 3) or len(given) != runs:
@@ -212,7 +199,7 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
                 )
             _set_metrics(self, [validated_metric(each, n) for each in given])
         if radius is not None:
-            object.__setattr__(self, "radius", _radii(radius, runs))
+            object.__setattr__(self, "radius", check_radii(radius, runs))
 
     @classmethod
     def trusted(
@@ -308,24 +295,6 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         return problem
 
 
-def _long_vectors(gradient: ArrayLike, jacobian: ArrayLike) -> ArrayVectors | None:
-    """g and J where they lie, if J is an array or a list of arrays, of float64 and long; None for all else."""
-    if type(jacobian) is np.ndarray:
-        if jacobian.ndim != 2 or not is_long(*jacobian.shape):
-            return None
-        return ArrayVectors(real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2))
-    if not isinstance(jacobian, list | tuple) or not all(map(_is_vector, jacobian)):
-        return None
-    rows: tuple[Vector, ...] = tuple(map(read_only, jacobian))
-    if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
-        return None
-    return ArrayVectors(real_view("gradient", gradient, 1), rows)
-
-
-def _is_vector(row: object) -> bool:
-    return type(row) is np.ndarray and row.ndim == 1 and row.dtype == np.float64
-
-
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
     # Faster than four times object.__setattr__, in the way of every update of a training.
     vars(frozen).update(
@@ -364,119 +333,3 @@ def _metrics_of(problems: Sequence[DirectionProblem]) -> list[tuple[Metric, Whit
             M, L = np.ones(problem.n), Whitening(np.ones(problem.n))
         metrics.append((np.diag(M) if full and M.ndim == 1 else M, L))
     return metrics
-
-
-def _radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
-    radii = finite_array("radius", radius, 1)
-    require_shape("radius", radii, (count,))
-    if not (radii > 0).all():
-        raise ValueError(f"radius should be > 0; found {radii.min()}")
-    return radii
-
-
-def _bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """b and E, of each row or one for all."""
-    is_equality = (
-        _spread(equality, shape) if type(equality) is bool else _of_each_row("equality", mask_array, equality, shape)
-    )
-    b = finite_copy(bound, len(shape))
-    if b is not None and b.shape == shape:
-        return b, is_equality
-    if type(bound) is float and -np.inf < bound < np.inf:
-        return _spread(bound, shape), is_equality
-    b = _of_each_row("bound", partial(real_array, ndim=None), bound, shape)
-    if not (b < np.inf).all():  # NaN fails the comparison too
-        raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
-    if (is_equality & (b == -np.inf)).any():
-        raise ValueError("bound should be finite on an equality; found −inf")
-    return b, is_equality
-
-
-def _spread(value: float | bool, shape: tuple[Any, ...]) -> np.ndarray:
-    """One value for all, quickly where it is 0: np.full takes as long as a solve."""
-    array = np.zeros(shape, type(value)) if value == 0 else np.full(shape, value)
-    array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
-    return array
-
-
-def _of_each_row(
-    name: str, checked: Callable[[str, ArrayLike], np.ndarray], values: ArrayLike, shape: tuple[Any, ...]
-) -> np.ndarray:
-    array = checked(name, values)
-    array = np.full(shape, array) if array.ndim == 0 else array
-    require_shape(name, array, shape)
-    return array
-
-
-# Squares of these neither over- nor underflow, nor lose digits as subnormal numbers.
-_SAFE_SQUARES = (1e-280, 1e280)
-
-
-@dataclass(frozen=True, eq=False)
-class UnitRows:
-    """Ĵᵢ = Jᵢ/‖Jᵢ‖ and the lengths ‖Jᵢ‖ = largest · relative, kept as two factors so that neither overflows.
-
-    jacobian: (m, n), rows of length 1, or 0 where Jᵢ = 0; largest: about max |Jᵢⱼ|, 0 where Jᵢ = 0; relative: the rest.
-    """
-
-    jacobian: Jacobian
-    largest: Multipliers
-    relative: Multipliers
-
-    def per_length(self, values: Multipliers) -> Multipliers:
-        """valuesᵢ / ‖Jᵢ‖; on zero rows ±inf with the sign of the value, 0 stays 0."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            quotient = values / self.largest / self.relative
-        return np.where(values == 0, 0.0, quotient)
-
-    def times_length(self, values: Multipliers, scale: float = 1.0) -> Multipliers:
-        """valuesᵢ · ‖Jᵢ‖ / scale, the division first."""
-        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            ratio = self.largest / scale
-            product = values * ratio * self.relative
-            leaves = (values != 0) & ~((ratio > 1e-300) & (ratio < 1e300))
-            if leaves.any():  # 1e155 over 1e-155, which a tiny value makes 1 again
-                product = np.where(leaves, values / scale * self.largest * self.relative, product)
-        return np.where(values == 0, 0.0, product)
-
-
-def unit_rows(jacobian: Jacobian) -> UnitRows:
-    """Ĵ with unit rows: scaled by the largest entry first, so that rows of 1e±170 neither over- nor underflow."""
-    squares = _squares(jacobian)
-    if _are_safe(squares):
-        norms = np.sqrt(squares)
-        return UnitRows(jacobian / norms[:, None], norms, np.ones(len(norms)))
-    rows, largest, relative = _largest_first(jacobian)
-    return UnitRows(rows / relative[:, None], largest, relative)
-
-
-def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
-    """‖v‖₂ along the last axis, by the largest entry first: 1e±170 neither over- nor underflows.
-
-    Bit for bit the same whatever vectors stand beside v: a run's numbers may not depend on other runs.
-    """
-    squares = _squares(vectors)
-    if _are_safe(squares):
-        return np.asarray(np.sqrt(squares))
-    _, largest, relative = _largest_first(vectors)
-    safe = (squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1])
-    with np.errstate(over="ignore"):  # infinite beyond 1.8e308: callers refuse it
-        return np.asarray(np.where(safe, np.sqrt(squares), largest * relative))
-
-
-def _squares(vectors: np.ndarray) -> np.ndarray:
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        return np.asarray(np.vecdot(vectors, vectors))
-
-
-def _are_safe(squares: np.ndarray) -> bool:
-    """Whether every v·v may be used as it is; NaN, infinities and 0 may not."""
-    return squares.size > 0 and bool(squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1])
-
-
-def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """v/max|v|, max|v| and ‖v/max|v|‖ along the last axis; v, 0 and 1 where v = 0."""
-    largest = np.abs(vectors).max(axis=-1, initial=0.0)
-    scaled = vectors / np.where(largest > 0, largest, 1.0)[..., None]
-    relative = np.where(largest > 0, np.sqrt(np.vecdot(scaled, scaled)), 1.0)
-    return scaled, np.asarray(largest), np.asarray(relative)

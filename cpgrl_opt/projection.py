@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import ArrayLike, Bool, Float, Jacobian, Multipliers, Vector
-from .problem import UnitRows, unit_rows
+from .scaling import UnitRows, unit_rows
 from .validation import finite_array, require_shape
 
 # Between rounding (1e-15) and rows that are 1e-9 rad apart, which still count as two.

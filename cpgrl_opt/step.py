@@ -17,8 +17,9 @@ from .direction import DirectionBatch, DirectionError, Status
 from .drop_rule import NEGLIGIBLE, has_positive_multipliers, leaving_constraints, tangents, vanishing
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .linearization import Linearization
-from .problem import ProblemBatch, lengths
+from .problem import ProblemBatch
 from .reduction import RUNGS, coordinates
+from .scaling import lengths
 from .solvers import (
     SELF_JUDGING,
     SOLVERS,

@@ -10,7 +10,8 @@ import numpy as np
 
 from .arrays import ArrayLike, Float, Number
 from .metric import Metric, Whitening, validated_metric
-from .problem import ProblemBatch, lengths
+from .problem import ProblemBatch
+from .scaling import lengths
 from .validation import ReadOnlyArrays, require_positive, require_shape
 
 

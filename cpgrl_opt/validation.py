@@ -29,8 +29,6 @@ def real_array(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.flo
 
 def finite_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """`real_array` without infinities."""
-    if (copied := finite_copy(values, ndim)) is not None:
-        return copied
     array = real_array(name, values, ndim)
     if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)][0]}")
@@ -49,17 +47,6 @@ def require_finite(name: str, array: NDArray[np.float64]) -> None:
     """ValueError for NaN and infinities."""
     if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
-
-
-def finite_copy(values: Any, ndim: int) -> NDArray[np.float64] | None:
-    """A read-only copy of an array of float64 with finite squares; None for all else, which takes longer to judge."""
-    if type(values) is not np.ndarray or values.dtype is not _FLOAT64 or values.ndim != ndim:
-        return None
-    array = values.copy()
-    if not math.isfinite(np.vdot(array, array)):
-        return None
-    array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
-    return array
 
 
 def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:

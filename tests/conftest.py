@@ -66,6 +66,7 @@ jaxtyping.install_import_hook(
         "cpgrl_opt.linearization",
         "cpgrl_opt.metric",
         "cpgrl_opt.problem",
+        "cpgrl_opt.scaling",
         "cpgrl_opt.projection",
         "cpgrl_opt.step",
         "envs.markov_chain",

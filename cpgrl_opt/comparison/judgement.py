@@ -6,7 +6,8 @@ import numpy as np
 
 from ..certify import excess_violation, farkas_residual, kkt_residuals
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
+from ..scaling import lengths
 from .exact import ExactAnswer
 from .measurement import PROOF_TOLERANCE, SUCCESS_TOLERANCE, WRONG_TOLERANCE
 

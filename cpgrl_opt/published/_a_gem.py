@@ -6,7 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
+from ..scaling import lengths
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from .interface import Declaration, gradients_of, is_cone

@@ -9,7 +9,8 @@ changes neither d nor which v vanish: v̂ᵢ = vᵢ‖Jᵢ‖. Source: Lawson & 
 import numpy as np
 
 from ..arrays import Jacobian, Multipliers, Vector
-from ..problem import DirectionProblem, lengths, unit_rows
+from ..problem import DirectionProblem
+from ..scaling import lengths, unit_rows
 from ..solvers import SOLVERS
 
 # ‖ĝ + Ĵᵀv̂‖ that rounding leaves of a d = 0, over 1 + Σv̂.

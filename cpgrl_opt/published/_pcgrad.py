@@ -8,7 +8,8 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..function_solver import claimed_direction
-from ..problem import DirectionProblem, unit_rows
+from ..problem import DirectionProblem
+from ..scaling import unit_rows
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from .interface import Declaration, is_cone, stacked_gradients

@@ -6,7 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths, unit_rows
+from ..problem import DirectionProblem
+from ..scaling import lengths, unit_rows
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ..validation import require_member

@@ -12,7 +12,8 @@ import numpy as np
 from ..arrays import Vector
 from ..direction import Direction, Status
 from ..function_solver import require_finite
-from ..problem import DirectionProblem, euclidean, lengths
+from ..problem import DirectionProblem, euclidean
+from ..scaling import lengths
 
 
 @dataclass(frozen=True, eq=False)

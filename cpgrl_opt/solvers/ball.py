@@ -23,8 +23,9 @@ import numpy as np
 from ..arrays import Bool, Float
 from ..certify import kkt_residuals
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from ..scaling import lengths
 from .ball_violation import least_violation_in_ball
 from .factorization import pivoted_qr, solve_upper
 from .infeasibility import VIOLATION_TOLERANCE, least_violation

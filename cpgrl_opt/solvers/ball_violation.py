@@ -15,7 +15,8 @@ import numpy as np
 
 from ..arrays import Bool, Float
 from ..direction import Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
+from ..scaling import lengths
 from .exact_core import project
 
 _CERTIFIED = 1e-9

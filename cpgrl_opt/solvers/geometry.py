@@ -15,7 +15,8 @@ import numpy as np
 
 from ..certify import FARKAS_TOLERANCE, farkas_residual, kkt_residuals
 from ..direction import Direction, DirectionBatch, Status
-from ..problem import DirectionProblem, ProblemBatch, UnitRows, euclidean, lengths, unit_rows
+from ..problem import DirectionProblem, ProblemBatch, euclidean
+from ..scaling import UnitRows, lengths, unit_rows
 from ..units import Units, in_units
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
 from .polishing import polish

@@ -16,7 +16,8 @@ import numpy as np
 from ..arrays import Multipliers, Vector
 from ..certify import is_proven, violation
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
+from ..scaling import lengths
 from .exact_core import project
 
 # ‖v‖ in units of the bounds that the proof names above which a problem is infeasible; bounds that should agree may

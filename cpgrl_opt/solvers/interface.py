@@ -15,7 +15,8 @@ from ..certify import (
     violation_tolerance,
 )
 from ..direction import Direction, DirectionBatch, Status
-from ..problem import DirectionProblem, ProblemBatch, euclidean, lengths, unit_rows
+from ..problem import DirectionProblem, ProblemBatch, euclidean
+from ..scaling import lengths, unit_rows
 from .asking import ask, ask_batch
 from .facts import facts_of
 from .infeasibility import infeasible_direction, misses_a_bound

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..arrays import Bool, Float, Vector
-from ..problem import lengths
 from ..projection import RANK_TOLERANCE
+from ..scaling import lengths
 from .factorization import pivoted_qr, solve_upper
 from .small_problem import SmallProblem
 

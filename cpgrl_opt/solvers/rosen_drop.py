@@ -15,8 +15,9 @@ from typing import ClassVar
 import numpy as np
 
 from ..arrays import Bool, Float, Vector
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE, largest_multipliers, unit_multipliers
+from ..scaling import lengths
 from .base import Solver
 from .factorization import pivoted_qr
 from .polishing import project_onto_face

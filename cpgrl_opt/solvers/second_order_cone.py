@@ -16,7 +16,8 @@ import numpy as np
 
 from ..arrays import Bool, Float
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths, unit_rows
+from ..problem import DirectionProblem
+from ..scaling import lengths, unit_rows
 from .cvxpy_call import solve_statement
 
 # κ below this part of ‖g‖/radius: the ball may be slack, and the best directions many.

@@ -16,7 +16,8 @@ import numpy as np
 
 from ..arrays import Bool, Float, Mask, Multipliers
 from ..direction import Status
-from ..problem import DirectionProblem, UnitRows, lengths, unit_rows
+from ..problem import DirectionProblem
+from ..scaling import UnitRows, lengths, unit_rows
 from .factorization import pivoted_qr
 
 # Directions that carry less than this of the unit rows are rounding: duplicate rows stay exactly dependent.

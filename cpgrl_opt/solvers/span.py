@@ -14,8 +14,9 @@ from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
+from ..scaling import lengths
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
 

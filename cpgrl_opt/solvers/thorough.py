@@ -11,7 +11,8 @@ import numpy as np
 
 from ..certify import is_proven, kkt_residuals
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, ProblemBatch, lengths, unit_rows
+from ..problem import DirectionProblem, ProblemBatch
+from ..scaling import lengths, unit_rows
 from .compiled._direct import MISSED
 from .compiled._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from .compiled._projection import project_stacked

@@ -11,7 +11,8 @@ import numpy as np
 from ..answers import status_of
 from ..arrays import Multipliers, Vector
 from ..direction import Status
-from ..problem import DirectionProblem, lengths
+from ..problem import DirectionProblem
+from ..scaling import lengths
 from ..solvers import SOLVERS
 from ..solvers.facts import facts_of, is_single, supports, tolerance_of
 from ..solvers.interface import DirectionSolver

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from ..problem import DirectionProblem, euclidean, unit_rows
+from ..problem import DirectionProblem, euclidean
 from ..projection import RANK_TOLERANCE
+from ..scaling import unit_rows
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import Answer, length, require_at_most, whitened

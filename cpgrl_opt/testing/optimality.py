@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..certify import kkt_residuals
-from ..problem import DirectionProblem, euclidean, unit_rows
+from ..problem import DirectionProblem, euclidean
 from ..projection import RANK_TOLERANCE
+from ..scaling import unit_rows
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most, whitened

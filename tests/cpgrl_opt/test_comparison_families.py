@@ -7,7 +7,8 @@ from cpgrl_opt import Direction, Status, kkt_residuals
 from cpgrl_opt.certify import farkas_residual
 from cpgrl_opt.comparison.exact import exact_answer, is_small_enough
 from cpgrl_opt.comparison.families import ANGLES, FAMILIES, families_named
-from cpgrl_opt.problem import DirectionProblem, unit_rows
+from cpgrl_opt.problem import DirectionProblem
+from cpgrl_opt.scaling import unit_rows
 
 SEEDS = (0, 1, 20)
 

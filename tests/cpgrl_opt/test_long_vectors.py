@@ -15,7 +15,8 @@ from hypothesis import given, settings
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.certify import excess_violation, farkas_residual, violation_tolerance
-from cpgrl_opt.problem import ProblemBatch, lengths
+from cpgrl_opt.problem import ProblemBatch
+from cpgrl_opt.scaling import lengths
 from cpgrl_opt.solvers import is_usable, span, supports
 from cpgrl_opt.testing import check_direction_solver
 from cpgrl_opt.testing.families import HOSTILE, WELL_POSED

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import DirectionProblem, Linearization, ProblemBatch
-from cpgrl_opt.problem import lengths, unit_rows
+from cpgrl_opt.scaling import lengths, unit_rows
 
 GOOD = {"gradient": [1.0, 2.0], "jacobian": [[1.0, 0.0], [0.0, 1.0]], "bound": [0.0, 1.0], "equality": [False, True]}
 

@@ -15,7 +15,7 @@ import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
 from cpgrl_opt.direction import DirectionBatch
-from cpgrl_opt.problem import unit_rows
+from cpgrl_opt.scaling import unit_rows
 from cpgrl_opt.testing import (
     LAWS,
     LawBroken,

@@ -1,0 +1,129 @@
+"""The gate that problems and batches of problems pass: arrays checked once, or a ValueError that says why not."""
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from .arrays import ArrayLike, Float, Vector
+from .validation import (
+    finite_array,
+    mask_array,
+    read_only,
+    real_array,
+    real_view,
+    require_shape,
+)
+from .vectors import ArrayVectors, is_long
+
+_FLOAT64 = np.dtype(np.float64)
+
+
+def check_arrays(
+    gradient: ArrayLike, jacobian: ArrayLike, bound: ArrayLike, equality: ArrayLike, axes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """g (…, n), J (…, m, n), b and E (…, m), copied and read-only; axes: of g, 1 for a problem and 2 for a batch."""
+    packed = _pack(gradient, jacobian, bound, axes)
+    if packed is not None:
+        g, J, b = packed
+        return g, J, b, _no_equality(b.shape) if equality is False else _check_equality(equality, b.shape)
+    g, J = finite_array("gradient", gradient, axes), finite_array("jacobian", jacobian, axes + 1)
+    require_gradient_shape(g, J.shape)
+    return read_only(g), read_only(J), *check_bounds(bound, equality, J.shape[:-1])
+
+
+def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """g, J and b in one copy, if they are arrays of float64 that fit, with finite squares; None for all else.
+
+    To judge all else takes as long as a solve. A view of a read-only copy cannot be made writable.
+    """
+    if type(gradient) is not np.ndarray or type(jacobian) is not np.ndarray:
+        return None
+    if type(bound) is float:
+        bound = np.full(jacobian.shape[:-1], bound)
+    if type(bound) is not np.ndarray:
+        return None
+    if not (gradient.dtype is jacobian.dtype is bound.dtype is _FLOAT64) or jacobian.ndim != axes + 1:
+        return None
+    shape = jacobian.shape
+    if gradient.shape != (*shape[:-2], shape[-1]) or bound.shape != shape[:-1] or shape[-1] == 0:
+        return None
+    packed = np.concatenate((gradient, jacobian, bound), axis=None)
+    if not isfinite(np.vdot(packed, packed)):
+        return None
+    packed.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
+    start, end = gradient.size, gradient.size + jacobian.size
+    return packed[:start].reshape(gradient.shape), packed[start:end].reshape(shape), packed[end:].reshape(bound.shape)
+
+
+@lru_cache(maxsize=32)
+def _no_equality(shape: tuple[Any, ...]) -> np.ndarray:
+    return _spread(False, shape)
+
+
+def require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None:
+    """ValueError unless g belongs to a J of this shape, and has a component."""
+    require_shape("gradient", gradient, (*shape[:-2], shape[-1]))
+    if shape[-1] == 0:
+        raise ValueError("gradient should have at least one component; found none")
+
+
+def look_at_long(gradient: ArrayLike, jacobian: ArrayLike) -> ArrayVectors | None:
+    """g and J where they lie, if J is an array or a list of arrays, of float64 and long; None for all else."""
+    if type(jacobian) is np.ndarray:
+        if jacobian.ndim != 2 or not is_long(*jacobian.shape):
+            return None
+        return ArrayVectors(real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2))
+    if not isinstance(jacobian, list | tuple) or not all(map(_is_vector, jacobian)):
+        return None
+    rows: tuple[Vector, ...] = tuple(map(read_only, jacobian))
+    if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
+        return None
+    return ArrayVectors(real_view("gradient", gradient, 1), rows)
+
+
+def _is_vector(row: object) -> bool:
+    return type(row) is np.ndarray and row.ndim == 1 and row.dtype == np.float64
+
+
+def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
+    radii = finite_array("radius", radius, 1)
+    require_shape("radius", radii, (count,))
+    if not (radii > 0).all():
+        raise ValueError(f"radius should be > 0; found {radii.min()}")
+    return radii
+
+
+def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """b and E, of each row or one for all."""
+    is_equality = _check_equality(equality, shape)
+    if type(bound) is float and -np.inf < bound < np.inf:
+        return _spread(bound, shape), is_equality
+    b = _of_each_row("bound", partial(real_array, ndim=None), bound, shape)
+    if not (b < np.inf).all():  # NaN fails the comparison too
+        raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
+    if (is_equality & (b == -np.inf)).any():
+        raise ValueError("bound should be finite on an equality; found −inf")
+    return read_only(b), is_equality
+
+
+def _check_equality(equality: Any, shape: tuple[Any, ...]) -> np.ndarray:
+    if type(equality) is bool:
+        return _spread(equality, shape)
+    return read_only(_of_each_row("equality", mask_array, equality, shape))
+
+
+def _spread(value: float | bool, shape: tuple[Any, ...]) -> np.ndarray:
+    """One value for all, quickly where it is 0: np.full takes as long as a solve."""
+    return read_only(np.zeros(shape, type(value)) if value == 0 else np.full(shape, value))
+
+
+def _of_each_row(
+    name: str, checked: Callable[[str, ArrayLike], np.ndarray], values: ArrayLike, shape: tuple[Any, ...]
+) -> np.ndarray:
+    array = checked(name, values)
+    array = np.full(shape, array) if array.ndim == 0 else array
+    require_shape(name, array, shape)
+    return array
