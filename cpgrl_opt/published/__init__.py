@@ -14,7 +14,6 @@ the table of all, `docs/published.md`.
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from ..function_solver import FunctionSolver, claimed_direction
 from ._a_gem import AGEM
 from ._cpo import CPO
 from ._crpo import CRPO
@@ -23,6 +22,7 @@ from ._mgda import MGDA
 from ._pcgrad import PCGrad
 from ._pcpo import PCPO
 from ._upgrad import UPGrad
+from .function_solver import FunctionSolver, claimed_direction
 from .interface import Declaration, PublishedMethod
 
 PUBLISHED: Mapping[str, PublishedMethod] = MappingProxyType(

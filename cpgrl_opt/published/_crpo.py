@@ -6,11 +6,11 @@ from typing import ClassVar
 import numpy as np
 
 from ..direction import Direction
-from ..function_solver import claimed_direction
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
+from .function_solver import claimed_direction
 from .interface import Declaration, gradients_of
 
 

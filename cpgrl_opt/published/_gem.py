@@ -6,12 +6,12 @@ from typing import ClassVar
 import numpy as np
 
 from ..direction import Direction, Status
-from ..function_solver import claimed_direction
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from ._dual_cone import dual_projection
+from .function_solver import claimed_direction
 from .interface import Declaration, gradients_of, is_cone, judged
 
 

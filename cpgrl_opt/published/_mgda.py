@@ -7,12 +7,12 @@ import numpy as np
 
 from ..arrays import Float, Jacobian, Vector
 from ..direction import Direction
-from ..function_solver import claimed_direction
 from ..problem import DirectionProblem
 from ..scaling import lengths, unit_rows
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ._dual_cone import nonnegative_least_squares
+from .function_solver import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients
 
 # ‖d‖ that rounding leaves of 0, over Σwᵢ‖gᵢ‖.

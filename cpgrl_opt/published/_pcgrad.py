@@ -7,11 +7,11 @@ import numpy as np
 
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
-from ..function_solver import claimed_direction
 from ..problem import DirectionProblem
 from ..scaling import unit_rows
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
+from .function_solver import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients
 
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
-from ..function_solver import claimed_direction
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
 from ._dual_cone import dual_projection
+from .function_solver import claimed_direction
 from .interface import Declaration, is_cone, stacked_gradients
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from ..arrays import Jacobian, Vector
 from ..certify import farkas_residual, kkt_residuals, proof_tolerance
 from ..direction import Direction, Status
-from ..function_solver import require_finite
 from ..problem import DirectionProblem
+from .function_solver import require_finite
 
 
 @dataclass(frozen=True)

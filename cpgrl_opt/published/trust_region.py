@@ -11,9 +11,9 @@ import numpy as np
 
 from ..arrays import Vector
 from ..direction import Direction, Status
-from ..function_solver import require_finite
 from ..problem import DirectionProblem, euclidean
 from ..scaling import lengths
+from .function_solver import require_finite
 
 
 @dataclass(frozen=True, eq=False)

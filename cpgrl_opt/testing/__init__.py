@@ -23,7 +23,7 @@ except ModuleNotFoundError as error:
         "cpgrl_opt.testing needs the package hypothesis, which is not installed; type: pip install 'cpgrl-opt[testing]'"
     ) from error
 
-from ..function_solver import FunctionSolver
+from ..published.function_solver import FunctionSolver
 from .conduct import (
     check_answers_repeat,
     check_input_is_unchanged,

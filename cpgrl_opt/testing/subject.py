@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ..function_solver import FunctionSolver
+from ..published.function_solver import FunctionSolver
 from ..solvers.interface import DirectionSolver
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.function_solver import claimed_direction
+from cpgrl_opt.published.function_solver import claimed_direction
 from cpgrl_opt.testing import (
     Case,
     FunctionSolver,

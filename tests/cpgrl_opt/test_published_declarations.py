@@ -6,9 +6,9 @@ import pytest
 
 from cpgrl_opt import DirectionProblem
 from cpgrl_opt.published import PUBLISHED
-from cpgrl_opt.published.table import speaks_about, to_markdown
 from cpgrl_opt.testing import LAWS, LawBroken
 from cpgrl_opt.testing.examination import first_break
+from cpgrl_opt.testing.published_table import speaks_about, to_markdown
 
 SPOKEN = [(name, law) for name, method in PUBLISHED.items() for law in LAWS if speaks_about(LAWS[law], method)]
 HELD = [pair for pair in SPOKEN if pair[1] not in PUBLISHED[pair[0]].declaration.broken]
@@ -75,7 +75,8 @@ def test_what_is_declared_broken_is_a_law_about_the_method_and_has_a_reason(name
 
 def test_the_table_in_the_docs_is_that_of_the_declarations():
     docs = Path(__file__).parents[2] / "docs" / "published.md"
-    assert docs.read_text(encoding="utf-8") == to_markdown(), "python -m cpgrl_opt.published > docs/published.md"
+    command = "python -m cpgrl_opt.testing.published_table > docs/published.md"
+    assert docs.read_text(encoding="utf-8") == to_markdown(), command
 
 
 def test_the_table_marks_what_a_method_breaks_holds_and_is_silent_about():

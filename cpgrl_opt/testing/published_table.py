@@ -1,8 +1,10 @@
 """The table method × law as Markdown, from the methods' declarations; the tests hold these to what the kit measures."""
 
-from ..testing.laws import LAWS, Law
-from . import PUBLISHED
-from .interface import Declaration, PublishedMethod
+import sys
+
+from ..published import PUBLISHED
+from ..published.interface import Declaration, PublishedMethod
+from .laws import LAWS, Law
 
 HOLDS, BREAKS, SILENT = "✓", "✗", "–"
 
@@ -45,11 +47,16 @@ def _section(name: str, declared: Declaration) -> str:
 
 _INTRODUCTION = f"""# Published methods and the laws of the conformance kit
 
-Made by `python -m cpgrl_opt.published > docs/published.md` from the declarations in `cpgrl_opt/published/`; the tests
-put every method to every law, and a declaration that is wrong in either direction fails them.
+Made by `python -m cpgrl_opt.testing.published_table > docs/published.md` from the declarations in
+`cpgrl_opt/published/`; the tests put every method to every law, and a declaration that is wrong in either direction
+fails them.
 
 {HOLDS} holds, {BREAKS} breaks, {SILENT} says nothing about the problems that the method takes. A broken law is no fault
 where the method solves another problem than ours: it says in what the two differ. g is the ascent gradient of the
 objective, the rows of J those of the constraints; CPO and PCPO take problems with a radius and one constraint, the
 others J d ≥ 0 (CRPO J d ≥ b). Methods without multipliers get those that suit their direction best, so that dual
 feasibility holds of itself, and complementarity where no constraint is violated."""
+
+if __name__ == "__main__":
+    sys.stdout.reconfigure(encoding="utf-8")  # type: ignore[union-attr]
+    sys.stdout.write(to_markdown())

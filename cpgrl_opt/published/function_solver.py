@@ -23,16 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Multipliers, Vector
+from ..certify import farkas_residual, proof_tolerance
+from ..direction import Direction, Status
+from ..problem import DirectionProblem
+from ..scaling import lengths, unit_rows
+from ..settings import require_tolerance
+from ..solvers import SOLVERS
+from ..solvers.facts import DEFAULT_TOLERANCE, tolerance_of
+from ..validation import real_values
 from ._arguments import bound_argument, name_of
-from .arrays import Multipliers, Vector
-from .certify import farkas_residual, proof_tolerance
-from .direction import Direction, Status
-from .problem import DirectionProblem
-from .scaling import lengths, unit_rows
-from .settings import require_tolerance
-from .solvers import SOLVERS
-from .solvers.facts import DEFAULT_TOLERANCE, tolerance_of
-from .validation import real_values
 
 
 @dataclass(frozen=True, repr=False)
