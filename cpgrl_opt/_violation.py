@@ -1,26 +1,42 @@
-"""How far constraints are from being met, and from being impossible to meet: violations and Farkas vectors."""
+"""How far constraints are from being met, and from being impossible to meet: violations and Farkas vectors.
+
+All of it on unit rows Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖, and where M = I; r = (b̂ − Ĵd)₊ on I, b̂ − Ĵd on E.
+Source: Farkas' lemma; Boyd & Vandenberghe, Convex Optimization, §5.8; Hoffman 1952.
+"""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Mask, Multipliers, Vector
+from .arrays import Multipliers, Vector
 from .problem import DirectionProblem, euclidean
 from .scaling import lengths, unit_rows
 from .units import in_units
 from .validation import real_values, require_shape
 
-_EPS = float(np.finfo(np.float64).eps)
-# What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
-_ROUNDED_GAIN = 8 * _EPS
-# A violation of 1e-9 has seven digits, so its certificate is this good at worst; sizeable violations reach 1e-15.
+# Worst `farkas_residual` and `least_violation_residual` of our own proofs. A violation of 1e-9, the least that counts,
+# has seven digits, so its proof is this good at worst; with 1e-7 it would be refused, and with 1e-5 one of 1e-10,
+# which may be rounding, would count. Sizeable violations reach 1e-15.
 FARKAS_TOLERANCE = 1e-6
+# A violation that is worth a look: in units of its bound. With 1e-10 rounding is, with 1e-8 a contradiction of 1e-8
+# passes for rounding; the compiled core has the same.
+_MISSED = 1e-9
+# A violation is as good as none at this part of all lengths: with 1e-12 what rounding leaves would be asked to point
+# nowhere, with 1e-6 directions that violate by 1e-7 more than they must would violate least.
+_LEAST = 1e-9
+# A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
+# With 10 rows that nearly oppose each other, and are met a little farther than the claim goes, would be; with 1000 a
+# proof to √ε of a d that is 1e3 times max|b̂| long would not do for ε = 1e-9.
+_FAR = 100.0
+# What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
+_ROUNDED_GAIN = 8 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Violation:
-    """b̂ − Ĵd where it violates, 0 elsewhere: amount (m,), signed on E; and the unit rows (m, n) and b̂ (m,) it is of."""
+    """r (m,), 0 where nothing is violated; and the unit rows (m, n) and b̂ (m,) it is of."""
 
     amount: np.ndarray
     jacobian: np.ndarray
@@ -28,7 +44,7 @@ class Violation:
 
 
 def violation(problem: DirectionProblem, d: Vector) -> Violation:
-    """(b̂ − Ĵd)₊ on I and b̂ − Ĵd on E, on unit rows; zero rows, which no d can mend, are left out."""
+    """The violation of d, M = I; zero rows, which no d can mend, are left out."""
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0) & (problem.bound > -np.inf)
     bound = np.where(on, rows.per_length(problem.bound), 0.0)
@@ -36,43 +52,52 @@ def violation(problem: DirectionProblem, d: Vector) -> Violation:
     return Violation(np.where(problem.equality, lack, np.maximum(lack, 0.0)), rows.jacobian, bound)
 
 
+def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
+    """Whether d misses a bound by more than 1e-9 of itself: it may contradict another, short as it is. M = I."""
+    if not ((problem.bound != 0.0) & (problem.bound > -np.inf)).any():
+        return False
+    lack = violation(problem, d)
+    return bool(((lack.bound != 0.0) & (np.abs(lack.amount) > _MISSED * np.abs(lack.bound))).any())
+
+
 def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
-    """How far d is from violating least: ‖Ĵᵀr‖ / max(‖r‖, 1e-9·s), r = (b̂ − Ĵd)₊ (signed on E); M = I, no radius.
+    """How far d is from violating least: ‖Ĵᵀr‖ / max(‖r‖, 1e-9·s); M = I, no radius.
 
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
     d = real_values("d", d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
-        return float("inf")
+        return math.inf
     lack = violation(problem, d)
-    size = max(norm(lack.amount), 1e-9 * _violation_unit(problem, d, lack))
+    size = max(norm(lack.amount), _LEAST * max(norm(problem.gradient), norm(d), _demanded(problem, lack)))
     return norm(lack.amount / size @ lack.jacobian) if size > 0 else 0.0
 
 
 def excess_violation(problem: DirectionProblem, d: Vector) -> float:
-    """How much less d could violate: ‖Ĵᵀr‖ / s, r and s as in `least_violation_residual`; in a metric, where M = I.
+    """How much less d could violate: ‖Ĵᵀr‖ / s, s as in `least_violation_residual`; infinite where d is not finite.
 
     In the unit of the KKT residuals, so that a solver need be no more exact than where it claims to be optimal: r is
-    within 2H‖Ĵᵀr‖ of the least one, H being Hoffman's constant. A radius is not looked at: violating least has another
-    meaning in a ball. Infinite where d is not finite. Source: Hoffman 1952.
+    within 2H‖Ĵᵀr‖ of the least one, H being Hoffman's constant. In a ball ‖Π(d + Ĵᵀr) − d‖ / s, Π the projection onto
+    it, s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E) and no more than the radius: 0 where d is in the ball and no other point of it
+    violates less, Π(d + Ĵᵀr) being a step of projected descent.
     """
     d = real_values("d", d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
-        return float("inf")
-    if problem.metric is not None:
-        units = in_units(problem, d)
-        problem, (d, _, _) = units.problem, units.inside(d, np.zeros(problem.m), 0.0)
-    flat = euclidean(problem)
-    d = d if problem.whitening is None else problem.whitening.direction(d)
+        return math.inf
+    flat, d, radius = _flatten(problem, d)
     if not (np.isfinite(d).all() and np.isfinite(flat.jacobian).all()):
-        return float("inf")
+        return math.inf
     lack = violation(flat, d)
-    unit = _violation_unit(flat, d, lack)
-    if not unit < np.inf:  # a bound overflows in units of its row
-        return float("inf")
-    return norm(lack.amount / unit @ lack.jacobian) if unit > 0 else 0.0
+    unit = max(norm(d), _demanded(flat, lack))
+    unit = max(unit, norm(flat.gradient)) if radius is None else min(unit, radius)
+    if not 0.0 < unit < np.inf:  # a bound overflows in units of its row, or there is nothing at all
+        return math.inf if unit else 0.0
+    pull, d = lack.amount / unit @ lack.jacobian, d / unit
+    if radius is None:
+        return norm(pull)
+    return norm((d + pull) * min(1.0, radius / unit / (norm(d + pull) or 1.0)) - d)
 
 
 def violation_tolerance(tolerance: float, m: int) -> float:
@@ -88,56 +113,93 @@ def proof_tolerance(tolerance: float) -> float:
     return math.sqrt(tolerance)
 
 
-def _violation_unit(problem: DirectionProblem, d: Vector, lack: Violation) -> float:
-    """s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E)."""
-    required = np.where(problem.equality, np.abs(lack.bound), np.maximum(lack.bound, 0.0))
-    return max(norm(problem.gradient), norm(d), largest(required))
-
-
 def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     """How far y is from proving infeasibility: max(‖Ĵᵀŷ‖, max(−ŷ)₊ on I) / (b̂ᵀŷ / max|b̂|); infinite if b̂ᵀŷ ≤ 0.
 
     With y ≥ 0 on I, Jᵀy = 0 and bᵀy > 0 no d has Jd ≥ b: 0 = yᵀJd ≥ bᵀy > 0. Zero where y proves it exactly.
     With a radius bᵀy > radius ‖Jᵀy‖_M⁻¹ is enough, since yᵀJd ≤ radius ‖Jᵀy‖_M⁻¹ in the ball; then the residual is at
     most max(8·eps·Σ|ŷ|, max(−ŷ)₊ on I) / ((b̂ᵀŷ − radius ‖Ĵᵀŷ‖) / max(|b̂|, radius)). In a metric, where M = I.
-    Source: Farkas' lemma; Boyd & Vandenberghe, Convex Optimization, §5.8.
     """
     y = real_values("y", y)
     require_shape("y", y, (problem.m,))
-    if not np.isfinite(y).all() or not y.any():
-        return float("inf")
-    if problem.metric is not None:
+    if problem.metric is not None and np.isfinite(y).all() and y.any():
         units = in_units(problem)
         problem, y = units.problem, units.proof(y)
+    proof = _read(euclidean(problem), y)
+    residual = proof.residual
+    if problem.radius is None or not 0.0 < proof.size < math.inf:
+        return residual
+    unit = max(proof.size, problem.radius)
+    gain = proof.gain * (proof.size / unit) - problem.radius / unit * proof.force
+    return min(residual, max(_ROUNDED_GAIN * proof.weight, proof.negative) / gain if gain > 0 else math.inf)
+
+
+def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> bool:
+    """Whether y proves that all that meets the constraints is a hundred times as long as d and g, or leaves the ball.
+
+    No direction shorter than b̂ᵀŷ/‖Ĵᵀŷ‖ meets them. In a ball g is no length.
+    """
     flat = euclidean(problem)
-    if not (np.isfinite(flat.jacobian).all() and (problem.bound < np.inf).all() and y.any()):
-        return float("inf")
-    rows = unit_rows(flat.jacobian)
-    zero_row_proof = (rows.largest == 0) & (y != 0) & _zero_row_impossible(problem, y)
-    if zero_row_proof.any() and not y[rows.largest > 0].any():
-        return float("inf") if (y[~problem.equality] < 0).any() else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = norm(d if problem.whitening is None else problem.whitening.direction(d))
+    proof = _read(flat, y)
+    reach = proof.size / proof.residual if proof.residual > 0.0 else math.inf
+    if problem.radius is None:
+        return reach >= _FAR * max(size, norm(flat.gradient))
+    return reach >= min(problem.radius, _FAR * size)
+
+
+class _Proof(NamedTuple):
+    """‖Ĵᵀŷ‖, max(−ŷ)₊ on I, b̂ᵀŷ / max|b̂|, max|b̂| and Σ|ŷ|, of ŷ whose largest number is 1."""
+
+    force: float = math.inf
+    negative: float = math.inf
+    gain: float = 0.0
+    size: float = 0.0
+    weight: float = 0.0
+
+    @property
+    def residual(self) -> float:
+        """How far it is from a proof without a ball."""
+        return max(self.force, self.negative) / self.gain if self.gain > 0 else math.inf
+
+
+def _read(problem: DirectionProblem, y: Multipliers) -> _Proof:
+    """What y proves where M = I."""
+    if not (
+        np.isfinite(y).all() and y.any() and np.isfinite(problem.jacobian).all() and (problem.bound < np.inf).all()
+    ):
+        return _Proof()
+    rows, inequality = unit_rows(problem.jacobian), ~problem.equality
+    is_zero = rows.largest == 0
+    asks = is_zero & (y != 0) & np.where(inequality, problem.bound > 0, np.sign(problem.bound) * y > 0)
+    if asks.any() and not y[~is_zero].any():  # 0 ≥ bᵢ > 0 is a contradiction in itself
+        return _Proof() if (y[inequality] < 0).any() else _Proof(0.0, 0.0, 1.0, math.inf, 1.0)
     weights = rows.times_length(y / np.abs(y).max(), float(rows.largest.max()) or 1.0)
-    if not weights.any():  # y ≠ 0 on zero rows only, which ask for nothing impossible
-        return float("inf")
+    is_on = (problem.bound > -np.inf) & ~is_zero
+    if not weights.any() or weights[~is_on].any():  # only on rows that ask for nothing; or on one that is off
+        return _Proof()
     weights = weights / np.abs(weights).max()
-    switched_on = (problem.bound > -np.inf) & (rows.largest > 0)
-    bound = np.where(switched_on, rows.per_length(problem.bound), 0.0)
-    if (weights[~switched_on] != 0).any():
-        return float("inf")
-    force, negative = norm(weights @ rows.jacobian), largest(np.maximum(-weights[~problem.equality], 0.0))
+    bound = np.where(is_on, rows.per_length(problem.bound), 0.0)
     size = float(np.abs(bound[weights != 0]).max())
     gain = float((bound / size) @ weights) if size > 0 else 0.0
-    residual = max(force, negative) / gain if gain > 0 else float("inf")
-    if problem.radius is None or not size > 0:
-        return residual
-    unit = max(size, problem.radius)
-    gain = float((bound / unit) @ weights) - problem.radius / unit * force
-    rounded = _ROUNDED_GAIN * float(np.abs(weights).sum())
-    return min(residual, max(rounded, negative) / gain if gain > 0 else float("inf"))
+    force, negative = norm(weights @ rows.jacobian), largest(-weights[inequality])
+    return _Proof(force, negative, gain, size, float(np.abs(weights).sum()))
 
 
-def _zero_row_impossible(problem: DirectionProblem, y: Multipliers) -> Mask:
-    return np.where(problem.equality, np.sign(problem.bound) * y > 0, problem.bound > 0)
+def _demanded(problem: DirectionProblem, lack: Violation) -> float:
+    """The largest of (b̂ᵢ)₊ and of |b̂ᵢ| on E."""
+    return largest(np.where(problem.equality, np.abs(lack.bound), lack.bound))
+
+
+def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Vector, float | None]:
+    """The problem, d and the radius where M = I; in a metric in units where numbers are about 1."""
+    if problem.metric is None:
+        return problem, d, problem.radius
+    units = in_units(problem, d)
+    d, _, _ = units.inside(d, np.zeros(problem.m), 0.0)
+    whitened = d if units.problem.whitening is None else units.problem.whitening.direction(d)
+    return euclidean(units.problem), whitened, units.problem.radius
 
 
 def norm(vector: np.ndarray) -> float:

@@ -31,6 +31,7 @@ convex. With one they are sufficient too, the problem being convex; but which of
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -42,8 +43,10 @@ from ._violation import (
     Violation,
     excess_violation,
     farkas_residual,
+    is_out_of_reach,
     largest,
     least_violation_residual,
+    misses_a_bound,
     norm,
     proof_tolerance,
     violation,
@@ -51,7 +54,7 @@ from ._violation import (
 )
 from .arrays import Float, Multipliers, Vector
 from .compensated import Pair, products
-from .direction import KKTResiduals
+from .direction import Direction, KKTResiduals, Status
 from .problem import DirectionProblem
 from .scaling import UnitRows, unit_rows
 from .units import in_units
@@ -64,11 +67,13 @@ __all__ = [
     "KKTResiduals",
     "Violation",
     "certified_residuals",
+    "certify",
     "excess_violation",
     "farkas_residual",
     "is_proven",
     "kkt_residuals",
     "least_violation_residual",
+    "misses_a_bound",
     "proof_tolerance",
     "violation",
     "violation_tolerance",
@@ -105,6 +110,36 @@ class HasValueAndMultipliers(Protocol):
 
 
 _HOPELESS = KKTResiduals(np.inf, np.inf, np.inf, np.inf)
+
+
+def certify(
+    problem: DirectionProblem,
+    answer: Direction,
+    tolerance: float,
+    find_contradiction: Callable[[DirectionProblem], object | None] | None = None,
+) -> Status:
+    """The status that is left of the answer's: OPTIMAL or INFEASIBLE where the problem's data prove it.
+
+    What they do not prove is UNCERTIFIED; any other status claims nothing, and stays. OPTIMAL: every residual is within
+    the tolerance, and no constraints contradict each other, which a long gradient may hide. INFEASIBLE: the multipliers
+    prove it to √tolerance; the direction violates least to (1 + m) tolerance, in the ball where there is a radius; and
+    no direction that meets the constraints is shorter than a hundred times the answer and the gradient, or than the
+    radius. find_contradiction: a proof that no direction meets the constraints of a problem with g = 0, None where
+    there is none; asked where d misses a bound. It takes a solver, and solvers are built on what stands here.
+    """
+    is_granted = True
+    if answer.status == Status.OPTIMAL:
+        is_granted = kkt_residuals(problem, answer).worst <= tolerance
+        if is_granted and find_contradiction is not None and misses_a_bound(problem, answer.value):
+            alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
+            is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
+    elif answer.status == Status.INFEASIBLE:
+        is_granted = (
+            farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance)
+            and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
+            and is_out_of_reach(problem, answer.value, answer.multipliers)
+        )
+    return Status(answer.status) if is_granted else Status.UNCERTIFIED
 
 
 def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) -> KKTResiduals:
@@ -146,7 +181,8 @@ def certified_residuals(
     split into what lies in the span of the rows and what does not. lengths: of g and of each row, 0 for what is 0 or
     off.
     """
-    seen = _read(certificate, problem, lengths)
+    is_off = np.append(False, problem.bound == -np.inf)  # a multiplier there is wrong, whatever the row
+    seen = _read(certificate, problem, np.where(is_off & (lengths == 0.0), 1.0, lengths))
     return _measure(problem, seen, multipliers, 1.0, doubtful=_ALLOWED) or _HOPELESS
 
 
@@ -197,8 +233,7 @@ def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *
 
 def _read(certificate: Certificate, problem: DirectionProblem, lengths: Float[np.ndarray, "channels"]) -> _Seen:
     """The same from passes over long vectors."""
-    is_off = (lengths[1:] == 0.0) & (problem.bound == -np.inf)
-    rows = UnitRows(np.empty((problem.m, 0)), np.where(is_off, 1.0, lengths[1:]), np.ones(problem.m))
+    rows = UnitRows(np.empty((problem.m, 0)), lengths[1:], np.ones(problem.m))
     bound, slack = rows.per_length(problem.bound), rows.per_length(certificate.products - problem.bound)
     return _Seen(certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 

@@ -1,16 +1,17 @@
 """Constrained policy optimization: the closed form of its trust-region problem with one constraint."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from ..arrays import Vector
+from ..certify import certify
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
 from ..solvers.interface import unsupported
-from .interface import Declaration, judged
+from .interface import Declaration
 from .trust_region import OneRowBall, in_ball, is_one_row_ball
 
 # ‖g − (r/s) J‖ in units of ‖g‖ below which g and J point the same way, or opposite ways.
@@ -53,8 +54,10 @@ class CPO(CheckedSettings):
         ball = in_ball(problem)
         if ball.bound > 1.0:  # of 0·x ≥ c > 0 too, which no step brings nearer
             step = ball.row if ball.row.any() else ball.gradient
-            return judged(problem, ball.direction(problem, step, 1.0, 0.0, status=Status.INFEASIBLE), self.tolerance)
-        return judged(problem, ball.direction(problem, *_step(ball)), self.tolerance)
+            answer = ball.direction(problem, step, 1.0, 0.0, status=Status.INFEASIBLE)
+        else:
+            answer = ball.direction(problem, *_step(ball))
+        return replace(answer, status=certify(problem, answer, self.tolerance))
 
 
 def _step(ball: OneRowBall) -> tuple[Vector, float, float]:

@@ -1,10 +1,11 @@
 """Gradient episodic memory: the nearest direction that hurts no remembered task."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
+from ..certify import certify
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
@@ -12,7 +13,7 @@ from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from ._dual_cone import dual_projection
 from .function_solver import claimed_direction
-from .interface import Declaration, gradients_of, is_cone, judged
+from .interface import Declaration, gradients_of, is_cone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,4 +56,5 @@ class GEM(CheckedSettings):
             return claimed_direction(problem, value + self.memory_strength * rows.sum(axis=0), self.tolerance)
         multipliers = np.zeros(problem.m)
         multipliers[problem.bound > -np.inf] = weights
-        return judged(problem, Direction(value, multipliers, Status.OPTIMAL), self.tolerance)
+        answer = Direction(value, multipliers, Status.OPTIMAL)
+        return replace(answer, status=certify(problem, answer, self.tolerance))

@@ -1,14 +1,13 @@
 """What a published method is: a direction solver, and a declaration of what it solves and which laws it breaks."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ..arrays import Jacobian, Vector
-from ..certify import farkas_residual, kkt_residuals, proof_tolerance
-from ..direction import Direction, Status
+from ..direction import Direction
 from ..problem import DirectionProblem
 from .function_solver import require_finite
 
@@ -59,12 +58,3 @@ def stacked_gradients(problem: DirectionProblem) -> Jacobian:
     """The gradients of all tasks, the objective first: (1 + k, n). ValueError unless finite."""
     gradient, rows = gradients_of(problem)
     return np.vstack([gradient, rows])
-
-
-def judged(problem: DirectionProblem, direction: Direction, tolerance: float) -> Direction:
-    """The direction of a method that solves this problem: UNCERTIFIED unless the referee agrees with its claim."""
-    if direction.status == Status.INFEASIBLE:
-        is_proven = farkas_residual(problem, direction.multipliers) <= proof_tolerance(tolerance)
-    else:
-        is_proven = kkt_residuals(problem, direction).worst <= tolerance
-    return direction if is_proven else replace(direction, status=Status.UNCERTIFIED)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..certify import FARKAS_TOLERANCE, farkas_residual, kkt_residuals
+from ..certify import certify, kkt_residuals
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch, euclidean
 from ..scaling import UnitRows, lengths, unit_rows
@@ -65,18 +65,13 @@ def solve_batch_transformed(
     )
 
 
-def judged_in_geometry(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:
-    """The answer with the status that the referee leaves it: what it rejects is UNCERTIFIED."""
+def judge_in_geometry(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:
+    """The answer with the status that the referee leaves it; what it doubts itself may be OPTIMAL."""
     numbers = (found.value, found.multipliers, found.radius_multiplier)
     if not all(np.isfinite(each).all() for each in numbers):
         return _failed(problem, found.iterations)
-    if found.status == Status.INFEASIBLE:
-        proven = farkas_residual(problem, found.multipliers) <= FARKAS_TOLERANCE
-        return found if proven else replace(found, status=Status.UNCERTIFIED)
-    if found.status in (Status.OPTIMAL, Status.UNCERTIFIED):
-        certified = kkt_residuals(problem, found).worst <= tolerance
-        return replace(found, status=Status.OPTIMAL if certified else Status.UNCERTIFIED)
-    return found
+    claim = replace(found, status=Status.OPTIMAL) if found.status == Status.UNCERTIFIED else found
+    return replace(found, status=certify(problem, claim, tolerance))
 
 
 def polished_in_geometry(problem: DirectionProblem, found: Direction) -> Direction:
@@ -200,7 +195,7 @@ def _mapped_back(whitened: _Whitened, answer: Direction, tolerance: float) -> Di
     found = whitened.outside(answer)
     if found.status == Status.UNCERTIFIED and np.isfinite(found.value).all():
         return found
-    return judged_in_geometry(whitened.given, found, tolerance)
+    return judge_in_geometry(whitened.given, found, tolerance)
 
 
 def _failed(problem: DirectionProblem, iterations: int = 0) -> Direction:

@@ -23,7 +23,6 @@ from .exact_core import project
 # ‖v‖ in units of the bounds that the proof names above which a problem is infeasible; bounds that should agree may
 # differ by rounding.
 VIOLATION_TOLERANCE = 1e-9
-_MISSED = 1e-9  # as the compiled core has it
 _EXACT = 1e-12  # worst KKT residual of the projections
 
 
@@ -61,11 +60,3 @@ def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Dire
     """The INFEASIBLE answer of a problem that is proven to be so, else None."""
     least = least_violation(problem)
     return None if least is None else Direction(least.direction, least.proof, Status.INFEASIBLE, iterations)
-
-
-def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
-    """Whether d misses a bound by more than 1e-9 of itself: it may contradict another, however short beside g."""
-    if not ((problem.bound != 0.0) & (problem.bound > -np.inf)).any():
-        return False
-    lack = violation(problem, d)
-    return bool(((lack.bound != 0.0) & (np.abs(lack.amount) > _MISSED * np.abs(lack.bound))).any())

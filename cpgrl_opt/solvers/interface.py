@@ -5,24 +5,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..arrays import Multipliers, Vector
-from ..certify import (
-    excess_violation,
-    farkas_residual,
-    kkt_residuals,
-    proof_tolerance,
-    violation,
-    violation_tolerance,
-)
+from ..certify import certify
 from ..direction import Direction, DirectionBatch, Status
-from ..problem import DirectionProblem, ProblemBatch, euclidean
-from ..scaling import lengths, unit_rows
+from ..problem import DirectionProblem, ProblemBatch
 from .asking import ask, ask_batch
 from .facts import facts_of
-from .infeasibility import infeasible_direction, misses_a_bound
-
-# A problem counts as infeasible where what meets its constraints is proven to be this many times as long as d and g.
-_FAR = 100.0
+from .infeasibility import infeasible_direction
 
 
 @runtime_checkable
@@ -48,77 +36,15 @@ def refereed(
 ) -> DirectionBatch:
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
 
-    They are copied as contiguous float64 arrays. OPTIMAL stands where every residual is within the tolerance and no
-    constraints contradict each other, which a long gradient may hide. INFEASIBLE stands where the multipliers prove it
-    to √tolerance and the direction violates least to (1 + m) tolerance, in the ball where there is a radius; and no
-    direction that meets the constraints is shorter than a hundred times the answer and the gradient (or than the
-    radius): what the conformance kit asks for and more, but that it be the nearest of them to the gradient.
+    They are copied as contiguous float64 arrays. See `certify` for what stands.
     """
     answers = answers.owned()
     status = answers.status
     if len(answers) != len(problems):
         raise ValueError(f"answers should be one for each of {len(problems)} problems; found {len(answers)}")
     for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
-        if answer.status == Status.OPTIMAL and not _is_optimal(problem, answer, tolerance):
-            status[k] = Status.UNCERTIFIED
-        if answer.status == Status.INFEASIBLE and not _is_infeasible(problem, answer, tolerance):
-            status[k] = Status.UNCERTIFIED
+        status[k] = certify(problem, answer, tolerance, infeasible_direction)
     return answers
-
-
-def _is_optimal(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
-    """Within the tolerance, and no rows that d misses contradict each other, however short they are beside g."""
-    if not kkt_residuals(problem, answer).worst <= tolerance:
-        return False
-    if not misses_a_bound(problem, answer.value):
-        return True
-    alone = DirectionProblem.trusted(np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
-    return infeasible_direction(alone) is None
-
-
-def _is_infeasible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
-    if not farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance):
-        return False
-    flat, d = _euclidean_direction(problem, answer)
-    reach, size = _proven_distance(flat, answer.multipliers), float(lengths(d))
-    if problem.radius is None:
-        far = _FAR * max(size, float(lengths(flat.gradient)))
-        return reach >= far and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
-    if not reach >= min(problem.radius, _FAR * size):
-        return False
-    return _excess_violation_in_ball(flat, d, problem.radius) <= violation_tolerance(tolerance, problem.m)
-
-
-def _proven_distance(problem: DirectionProblem, y: Multipliers) -> float:
-    """b̂ᵀŷ/‖Ĵᵀŷ‖, at the most: no d that is shorter meets all constraints. M = I."""
-    residual = farkas_residual(problem, y)
-    named = np.abs(unit_rows(problem.jacobian).per_length(problem.bound)[y != 0])
-    return float(named.max(initial=0.0)) / residual if residual > 0 else float("inf")
-
-
-def _euclidean_direction(problem: DirectionProblem, answer: Direction) -> tuple[DirectionProblem, Vector]:
-    """The problem and d where M = I."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        d = answer.value if problem.whitening is None else problem.whitening.direction(answer.value)
-    return euclidean(problem), d
-
-
-def _excess_violation_in_ball(problem: DirectionProblem, d: Vector, radius: float) -> float:
-    """‖Π(d + Ĵᵀr) − d‖ / s, Π onto the ball: 0 where d is in it and no other point of it violates less; M = I.
-
-    r = (b̂ − Ĵd)₊, signed on E; s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E), and no more than the radius. Ours; Π(d + Ĵᵀr) is a
-    step of projected descent on ½‖r‖².
-    """
-    if not np.isfinite(d).all():
-        return float("inf")
-    lack = violation(problem, d)
-    required = np.where(problem.equality, np.abs(lack.bound), lack.bound).max(initial=0.0)
-    unit = min(max(float(lengths(d)), float(required)), radius)
-    descended = d + lack.amount @ lack.jacobian
-    length = float(lengths(descended))
-    if not length < np.inf:
-        return float("inf")
-    return float(lengths(descended * min(1.0, radius / max(length, radius)) - d)) / unit if unit > 0 else 0.0
 
 
 class MissingPackageError(ImportError):

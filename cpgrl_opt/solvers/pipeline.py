@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Multipliers, Vector
-from ..certify import kkt_residuals
+from ..certify import kkt_residuals, misses_a_bound
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .exact_core import project
-from .infeasibility import infeasible_direction, misses_a_bound
+from .infeasibility import infeasible_direction
 from .polishing import polish
 from .small_problem import Core, ScaledProblem, SmallAnswer, reduce_problem, scale_problem
 

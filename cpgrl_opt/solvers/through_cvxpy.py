@@ -14,7 +14,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .base import Session, SolverWithSessions
 from .cvxpy_call import solve_statement
-from .geometry import judged_in_geometry, polished_in_geometry, solve_transformed
+from .geometry import judge_in_geometry, polished_in_geometry, solve_transformed
 from .packages import require_import, require_package
 from .second_order_cone import state_and_solve
 from .small_problem import SmallAnswer, SmallProblem
@@ -69,7 +69,7 @@ class CVXPYSession(Session):
             return solve_transformed(self.solve_rows, problem, self.tolerance)
         if self.polish:
             modelled = polished_in_geometry(problem, modelled)
-        return judged_in_geometry(problem, modelled, self.tolerance)
+        return judge_in_geometry(problem, modelled, self.tolerance)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """CLARABEL's x and μ."""

@@ -81,11 +81,15 @@ def test_rounding_of_a_direction_that_is_zero_is_no_violation():
     assert residuals(problem, [0.0, 0.0], [1.0]).worst == 0.0
 
 
-def test_no_force_at_all_needs_no_multiplier_and_any_that_is_there_is_judged():
-    problem = DirectionProblem([0.0, 0.0], [[1.0, 0.0]], 0.5, radius=1.0)
+@pytest.mark.parametrize("metric", [None, np.ones(2), np.eye(2)])
+def test_no_force_at_all_needs_no_multiplier_and_any_that_is_there_is_judged(metric):
+    problem = DirectionProblem([0.0, 0.0], [[1.0, 0.0]], 0.5, metric=metric, radius=1.0)
     assert residuals(problem, [0.5, 0.0], [0.0]).worst == 0.0
     assert residuals(problem, [0.5, 0.0], [1e-9]).stationarity > 0.1
-    assert residuals(problem, [0.0, 0.0], [0.0]).primal >= 1.0
+    assert 1.0 <= residuals(problem, [0.0, 0.0], [0.0]).primal < np.inf
+    slack = DirectionProblem([0.0, 0.0], [[1.0, 0.0]], -0.5, metric=metric, radius=1.0)
+    assert residuals(slack, [0.0, 0.0], [0.0]).worst == 0.0
+    assert residuals(slack, [0.0, 0.0], [1e9]).stationarity > 0.1
 
 
 def test_a_huge_multiplier_of_the_ball_hides_no_wrong_direction():
