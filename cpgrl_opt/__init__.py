@@ -16,7 +16,7 @@ from .formulation import FORMULATIONS
 from .linearization import Linearization
 from .problem import DirectionProblem, ProblemBatch
 from .projection import project_onto_tangent, projection_matrix, restoration_move, tangent_multipliers
-from .solvers import SOLVERS, DirectionSolver, MissingPackageError, WithGeometry, solve_batch
+from .solvers import SOLVERS, DirectionSolver, MissingPackageError, WithGeometry, solve, solve_batch
 from .step import ConstrainedStep, StepResult
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "project_onto_tangent",
     "projection_matrix",
     "restoration_move",
+    "solve",
     "solve_batch",
     "tangent_multipliers",
     "violated",

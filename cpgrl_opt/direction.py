@@ -1,10 +1,10 @@
 """The answer to a direction problem: a direction, its multipliers, and a status that is advice."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import overload
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -53,8 +53,7 @@ _ADVICE = {
 }
 
 
-@dataclass(frozen=True)
-class KKTResiduals:
+class KKTResiduals(NamedTuple):
     """Four relative residuals, each 0 at an exact optimum; infinite where an answer is not finite."""
 
     stationarity: float
@@ -65,8 +64,7 @@ class KKTResiduals:
     @property
     def worst(self) -> float:
         """The largest of the four; infinite where one is NaN, which `max` would hide."""
-        parts = (self.stationarity, self.primal, self.dual, self.complementarity)
-        return max(parts) if all(part == part for part in parts) else math.inf
+        return max(self) if all(part == part for part in self) else math.inf
 
 
 class DirectionError(RuntimeError):
@@ -112,7 +110,8 @@ class DirectionBatch(Sequence[Direction]):
     """B directions as stacked arrays; reads as a sequence of `Direction`.
 
     value: (B, n); multipliers: (B, m); status, iterations: (B,), statuses as their integers; radius_multiplier: (B,),
-    None where all are 0.
+    None where all are 0; residuals: (B, 4) in the order of `KKTResiduals`, NaN for a direction that has none, None
+    where none has any; rung: (B,) of str, None where no solver says.
     """
 
     value: Float[np.ndarray, "B n"]
@@ -120,42 +119,38 @@ class DirectionBatch(Sequence[Direction]):
     status: Int[np.ndarray, "B"]
     iterations: Int[np.ndarray, "B"]
     radius_multiplier: Float[np.ndarray, "B"] | None = None
+    residuals: Float[np.ndarray, "B 4"] | None = None
+    rung: np.ndarray | None = None
 
     @classmethod
     def stack(cls, directions: Sequence[Direction]) -> "DirectionBatch":
         """The same directions in stacked float64 arrays; at least one."""
-        radius_multiplier = np.array([getattr(direction, "radius_multiplier", 0.0) for direction in directions])
+
+        def column(name: str, otherwise: object) -> np.ndarray:
+            return np.array([getattr(direction, name, otherwise) for direction in directions])
+
+        kappa, rungs = column("radius_multiplier", 0.0), column("rung", "")
+        residuals = [getattr(direction, "residuals", None) for direction in directions]
         return cls(
             real_values("value of the answers", np.stack([direction.value for direction in directions])),
             real_values("multipliers of the answers", np.stack([direction.multipliers for direction in directions])),
-            np.array([direction.status for direction in directions], dtype=np.int64),
-            np.array([getattr(direction, "iterations", 0) for direction in directions], dtype=np.int64),
-            radius_multiplier if radius_multiplier.any() else None,
+            column("status", None).astype(np.int64),
+            column("iterations", 0).astype(np.int64),
+            kappa if kappa.any() else None,
+            np.array([each or _NO_RESIDUALS for each in residuals]) if any(residuals) else None,
+            rungs if (rungs != "").any() else None,
         )
 
     def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
         """A batch with `others`, in order, where the mask is True."""
-        own = self.owned()
-        parts = [own.value, own.multipliers, own.status, own.iterations]
-        fresh = (others.value, others.multipliers, others.status, others.iterations)
-        for part, replacement in zip(parts, fresh, strict=True):
-            part[mask] = replacement
-        value, multipliers, status, iterations = parts
-        if self.radius_multiplier is None and others.radius_multiplier is None:
-            return DirectionBatch(value, multipliers, status, iterations)
-        kappa = np.zeros(len(self)) if self.radius_multiplier is None else self.radius_multiplier.copy()
-        kappa[mask] = 0.0 if others.radius_multiplier is None else others.radius_multiplier
-        return DirectionBatch(value, multipliers, status, iterations, kappa)
+        own, fresh = self.owned(), iter(others)
+        return DirectionBatch.stack(
+            [next(fresh) if new else each for each, new in zip(own, mask.tolist(), strict=True)]
+        )
 
     def protected(self) -> "DirectionBatch":
         """The same answers in read-only views."""
-        return DirectionBatch(
-            read_only(self.value),
-            read_only(self.multipliers),
-            read_only(self.status),
-            read_only(self.iterations),
-            None if self.radius_multiplier is None else read_only(self.radius_multiplier),
-        )
+        return self._each(read_only)
 
     def owned(self) -> "DirectionBatch":
         """A copy in writeable C-contiguous float64 and int64: what a solver hands out may be none of that.
@@ -181,7 +176,14 @@ class DirectionBatch(Sequence[Direction]):
             status,
             iterations,
             None if kappa is None else np.array(real_values("radius_multiplier of the answers", kappa)),
+            None if self.residuals is None else self.residuals.copy(),
+            None if self.rung is None else self.rung.copy(),
         )
+
+    def _each(self, changed: Callable[[np.ndarray], np.ndarray]) -> "DirectionBatch":
+        """All arrays changed alike."""
+        parts = (getattr(self, each.name) for each in fields(self))
+        return DirectionBatch(*(None if part is None else changed(part) for part in parts))  # type: ignore[arg-type]
 
     def __len__(self) -> int:
         return len(self.value)
@@ -192,17 +194,17 @@ class DirectionBatch(Sequence[Direction]):
     def __getitem__(self, index: slice) -> "DirectionBatch": ...
     def __getitem__(self, index: int | slice) -> "Direction | DirectionBatch":
         if isinstance(index, slice):
-            return DirectionBatch(
-                self.value[index],
-                self.multipliers[index],
-                self.status[index],
-                self.iterations[index],
-                None if self.radius_multiplier is None else self.radius_multiplier[index],
-            )
+            return self._each(lambda part: part[index])
+        known = None if self.residuals is None else self.residuals[index]
         return Direction(
             self.value[index],
             self.multipliers[index],
             Status(int(self.status[index])),
             int(self.iterations[index]),
             0.0 if self.radius_multiplier is None else float(self.radius_multiplier[index]),
+            None if known is None or np.isnan(known).any() else KKTResiduals(*known.tolist()),
+            "" if self.rung is None else str(self.rung[index]),
         )
+
+
+_NO_RESIDUALS = (np.nan,) * 4

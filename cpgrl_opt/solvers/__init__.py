@@ -7,8 +7,10 @@ in a file here, and one line below.
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from ..direction import Direction, DirectionBatch
+from ..problem import DirectionProblem
 from .active_set import ActiveSet
-from .asking import vouch_for
+from .asking import ask, vouch_for
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
@@ -18,6 +20,7 @@ from .interface import (
     UnusablePackageError,
     refereed,
     solve_batch,
+    unsupported,
 )
 from .nnls import NNLS
 from .osqp import OSQP
@@ -58,6 +61,30 @@ def solver_named(name: str) -> DirectionSolver:
     if name not in SOLVERS:
         raise ValueError(f"solver should be one of {', '.join(SOLVERS)}; found {name!r}")
     return SOLVERS[name]
+
+
+def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set") -> Direction:
+    """The direction of a problem by a solver or the name of one.
+
+    Parameters
+    ----------
+    problem : DirectionProblem
+    solver : one of SOLVERS' names, or an object with `solve`. What one that is not of SOLVERS claims is put before the
+        referee; a problem that it does not take is UNSUPPORTED.
+
+    Returns
+    -------
+    Direction : d, its multipliers, and a status that stands.
+    """
+    solver = solver_named(solver) if isinstance(solver, str) else solver
+    if not callable(getattr(solver, "solve", None)):
+        raise ValueError(f"solver should be a name or have a method solve(problem); found {solver!r}")
+    if type(solver) in SELF_JUDGING:
+        return solver.solve(problem)
+    if not supports(solver, problem):
+        return unsupported(problem)
+    [answer] = refereed([problem], DirectionBatch.stack([ask(solver, problem)]), tolerance_of(solver))
+    return answer
 
 
 def is_installed(solver: DirectionSolver) -> bool:
@@ -115,6 +142,7 @@ __all__ = [
     "is_usable",
     "obstacle",
     "refereed",
+    "solve",
     "solve_batch",
     "solver_named",
     "supports",

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import Multipliers, Vector
 from ..certify import kkt_residuals, misses_a_bound
-from ..direction import Direction, Status
+from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem
 from .exact_core import project
 from .infeasibility import infeasible_direction
@@ -77,7 +77,8 @@ def _screen(scaled: ScaledProblem) -> Direction | None:
         return infeasible_direction(problem) or fail(problem, Status.NUMERICAL_ERROR)
     lack = small.bound - small.rows @ small.center
     if (np.where(small.equality, lack == 0.0, lack <= 0.0)).all():
-        return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL)
+        residuals = KKTResiduals(0.0, 0.0, 0.0, 0.0)
+        return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL, residuals=residuals)
     return None
 
 

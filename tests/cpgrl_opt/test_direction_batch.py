@@ -1,0 +1,70 @@
+"""A batch of directions holds what each of them holds: residuals and rungs too, through slices and replacements."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, Direction, DirectionBatch, DirectionProblem, ProblemBatch, Status, kkt_residuals, solve
+from cpgrl_opt.solvers import is_installed
+
+
+def batch_of(rng: np.random.Generator, count: int = 4, m: int = 3, n: int = 9) -> ProblemBatch:
+    return ProblemBatch(rng.normal(size=(count, n)), rng.normal(size=(count, m, n)))
+
+
+def test_a_batch_reads_as_the_directions_of_a_loop() -> None:
+    problems = batch_of(np.random.default_rng(1))
+    for solver in (SOLVERS["nnls"], SOLVERS["active-set"]):
+        batch = solver.solve_batch(problems)  # type: ignore[attr-defined]
+        for together, problem in zip(batch, problems, strict=True):
+            alone = solver.solve(problem)
+            assert (together.residuals, together.status) == (alone.residuals, alone.status)
+            np.testing.assert_array_equal(together.value, alone.value)
+
+
+def test_residuals_are_those_of_the_referee() -> None:
+    problems = batch_of(np.random.default_rng(2))
+    batch = SOLVERS["nnls"].solve_batch(problems)  # type: ignore[attr-defined]
+    assert batch.residuals is not None
+    for direction, problem in zip(batch[1:], problems[1:], strict=True):
+        assert direction.residuals == kkt_residuals(problem, direction)
+
+
+def test_long_batches_say_which_rung_answered() -> None:
+    batch = SOLVERS["active-set"].solve_batch(batch_of(np.random.default_rng(3), 2, 2, 60_000))  # type: ignore[attr-defined]
+    assert [each.rung for each in batch] == ["gramian", "gramian"]
+    assert all(each.residuals is not None for each in batch)
+    assert [each.rung for each in batch.protected()] == ["gramian", "gramian"]
+
+
+def test_replaced_directions_bring_their_own() -> None:
+    problems = batch_of(np.random.default_rng(4))
+    batch = SOLVERS["nnls"].solve_batch(problems)  # type: ignore[attr-defined]
+    other = Direction(np.zeros(9), np.zeros(3), Status.UNCERTIFIED, 7, rung="pairs")
+    mask = np.array([False, True, False, False])
+    replaced = batch.replaced(mask, DirectionBatch.stack([other]))
+    assert (replaced[1].rung, replaced[1].residuals, replaced[1].iterations) == ("pairs", None, 7)
+    assert replaced[0].residuals == batch[0].residuals
+    np.testing.assert_array_equal(replaced[2].value, batch[2].value)
+
+
+@pytest.mark.parametrize("name", [name for name, solver in SOLVERS.items() if is_installed(solver)])
+def test_the_function_form_asks_the_solver_of_that_name(name: str) -> None:
+    problem = DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], equality=True)
+    np.testing.assert_allclose(solve(problem, name).value, [0.0, 1.0], atol=1e-8)
+    np.testing.assert_allclose(solve(problem, SOLVERS[name]).value, [0.0, 1.0], atol=1e-8)
+
+
+def test_the_function_form_believes_no_claim() -> None:
+    class Idle:
+        def solve(self, problem: DirectionProblem) -> Direction:
+            return Direction(problem.gradient, np.zeros(problem.m), Status.OPTIMAL)
+
+    assert solve(DirectionProblem([1.0, 1.0], [[-1.0, 0.0]]), Idle()).status == Status.UNCERTIFIED
+    assert solve(DirectionProblem([-1.0, 1.0], [[-1.0, 0.0]]), Idle()).status == Status.OPTIMAL
+
+
+def test_the_function_form_names_the_solvers_that_there_are() -> None:
+    with pytest.raises(ValueError, match=r"solver should be one of rosen, .*found 'simplex'"):
+        solve(DirectionProblem([1.0], [[1.0]]), "simplex")
+    with pytest.raises(ValueError, match="solver should be a name or have a method solve"):
+        solve(DirectionProblem([1.0], [[1.0]]), 3)  # type: ignore[arg-type]
