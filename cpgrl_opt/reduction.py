@@ -41,6 +41,7 @@ _CLEAR = 1e-18
 _DEPENDENT = 1e-12
 # Squared lengths beyond these leave float64, or lose digits as subnormal numbers.
 _LEAST, _MOST = 1e-280, 1e280
+GATES = np.array([_LEAST, _MOST, _APART, _OUT_OF_SPAN])  # of rung 1, for compiled code
 
 
 def _silent(function: Any) -> Any:

@@ -23,6 +23,7 @@ class ActiveSet(Solver):
 
     tolerance: float = 1e-9
 
+    is_exact: ClassVar[bool] = True
     package: ClassVar[str] = "numba"
     source: ClassVar[str] = "Goldfarb & Idnani 1983"
     guarantee: ClassVar[str] = "exact: dual active set on orthonormal rows; compiled, batched"

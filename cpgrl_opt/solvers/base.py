@@ -23,6 +23,7 @@ class Solver(CheckedSettings):
 
     takes_geometry: ClassVar[bool] = True
     declines_by_itself: ClassVar[bool] = True
+    is_exact: ClassVar[bool] = False  # its core is `exact_core`
 
     tolerance: float
     polish: bool = True
@@ -36,7 +37,7 @@ class Solver(CheckedSettings):
         if problem.metric is not None or problem.radius is not None:
             return self.solve_in_geometry(problem)
         if problem.is_long:
-            return solve_in_span(self.solve_rows, problem, self.tolerance)
+            return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.is_exact)
         return self.solve_rows(problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:

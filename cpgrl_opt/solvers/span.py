@@ -17,16 +17,22 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
+from .long import solve_usual
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
 
 
 def solve_in_span(
-    solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float
+    solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float, *, is_exact: bool
 ) -> Direction:
-    """The problem in coordinates, by `solve`; mapped back, and certified at the tolerance. M = I, no radius."""
+    """The problem in coordinates, by `solve`; mapped back, and certified at the tolerance. M = I, no radius.
+
+    is_exact: `solve` is the exact core, so that the usual problem needs no coordinates.
+    """
     vectors, on = problem.vectors, problem.bound > -inf
     for rung in RUNGS:
+        if is_exact and rung == "gramian" and (usual := solve_usual(problem, tolerance)) is not None:
+            return usual
         small = coordinates(vectors, on, rung)
         if small is None:
             continue

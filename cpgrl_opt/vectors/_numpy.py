@@ -83,14 +83,21 @@ class ArrayVectors:
 
     def combine(self, weights: Pair, multipliers: Multipliers) -> tuple[Vector, Certificate]:
         """d of float64, in one pass with its certificate."""
-        d, sums, forces = np.empty(self.gradient.shape), np.zeros(2 + len(multipliers)), np.append(1.0, multipliers)
-        in_pairs = bool(weights.lo.any())
-        if not in_pairs and (columns_of_J := self._columns()) is not None:
-            _blocks().combine_columns(self.gradient, columns_of_J, weights.hi, forces, d, sums)
-            return d, _certificate(sums)
-        for gradient, jacobian, columns in self._chunks():
-            _blocks().combine(gradient, jacobian, weights.hi, weights.lo, forces, in_pairs, d[columns], sums)
+        d, sums = self._combine(weights.hi, weights.lo, np.append(1.0, multipliers), bool(weights.lo.any()))
         return d, _certificate(sums)
+
+    def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Vector, Float[np.ndarray, "k"]]:
+        """d = Vᵀ(1, μ) in one pass, and r·r, J d, d·d."""
+        return self._combine(weights, np.zeros(len(weights)), weights, in_pairs=False)
+
+    def _combine(self, weights: Any, more: Any, forces: Any, in_pairs: bool) -> tuple[Any, Any]:
+        d, sums = np.empty(self.gradient.shape), np.zeros(1 + len(forces))
+        if not in_pairs and (columns_of_J := self._columns()) is not None:
+            _blocks().combine_columns(self.gradient, columns_of_J, weights, forces, d, sums)
+            return d, sums
+        for gradient, jacobian, columns in self._chunks():
+            _blocks().combine(gradient, jacobian, weights, more, forces, in_pairs, d[columns], sums)
+        return d, sums
 
     def certificate(self, direction: Vector, multipliers: Multipliers) -> Certificate:
         """In one pass."""

@@ -1,0 +1,29 @@
+"""The usual long problem in few calls: μ from the Gramian, one pass that combines the vectors, and its judgement.
+
+What is usual: the gates of rung "gramian" are open, the direct pass finds the active set, and the certificate is within
+1e-12. All else is for `span`. Both see the same Gramian and take the same gates.
+"""
+
+import numpy as np
+
+from ..direction import Direction, KKTResiduals, Status
+from ..problem import DirectionProblem
+from ..reduction import EXACT, GATES
+
+
+def solve_usual(problem: DirectionProblem, tolerance: float) -> Direction | None:
+    """The certified direction; None where the problem is not usual. M = I, no radius."""
+    from .compiled._long import judge, weigh  # compiled always: who never comes here need not load them
+
+    m, K, report = problem.m, problem.vectors.gramian(), np.empty(4)
+    small, index, weights = np.empty((8, m)), np.empty((2, m), np.int64), np.empty(1 + m)
+    weigh.run(K, problem.bound, problem.equality, GATES, np.empty((2, m, m)), small, index, weights, report)
+    changes = int(report[0])
+    if changes < 0:
+        return None
+    value, sums = problem.vectors.combine_usually(weights)
+    judge.run(K, problem.equality, small, index, sums, report)
+    residuals = KKTResiduals(*report.tolist())
+    if not residuals.worst <= min(tolerance, EXACT):
+        return None
+    return Direction(value, weights[1:].copy(), Status.OPTIMAL, changes, 0.0, residuals, "gramian")
