@@ -1,0 +1,100 @@
+"""Which rung answers long problems of each kind, and does it say what the rows themselves say?
+
+Every problem of every family of the comparison, as if it were a long one: g and the rows get zeros between their
+numbers, which changes no inner product, and go up the ladder of `solvers/span.py`. Beside it `active-set` on the rows
+as they are. Apart: ‖d − d′‖/max(‖g‖, ‖d‖) where both are OPTIMAL.
+
+    python benchmarks/rungs.py [--problems 40] [--seed 0] [--out benchmarks/results]
+
+Limitations: families of few parameters, most of which do not determine a direction to more digits than float64 has.
+"""
+
+import argparse
+import csv
+from collections import Counter
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cpgrl_opt import SOLVERS, DirectionProblem, Status
+from cpgrl_opt.comparison.families import FAMILIES, ProblemFamily
+from cpgrl_opt.solvers.span import solve_in_span
+
+RUNGS = ("gramian", "pairs", "rows")
+LARGE = 4  # of a family of more than a hundred parameters this many problems at the most
+
+
+@dataclass(frozen=True)
+class Row:
+    """One family: how many problems each rung answered, how many have another status, and how far apart they are."""
+
+    family: str
+    problems: int
+    gramian: int
+    pairs: int
+    rows: int
+    other_status: int
+    apart: float
+
+
+def spread(problem: DirectionProblem) -> DirectionProblem:
+    """The same inner products, in five times as many parameters and one more for each vector."""
+    n = 5 * problem.n + 5 * (1 + problem.m)
+    g, J = np.zeros(n), np.zeros((problem.m, n))
+    g[: 5 * problem.n : 5], J[:, : 5 * problem.n : 5] = problem.gradient, problem.jacobian
+    return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
+
+
+def measure(family: ProblemFamily, count: int, seed: int) -> Row:
+    """The family's first problems."""
+    solver = SOLVERS["active-set"]
+    count = min(count, LARGE) if family.is_large else count
+    rungs, other, apart = Counter[str](), 0, 0.0
+    for number in range(count):
+        problem = spread(family.problem(number, seed))
+        on_rows = solver.solve_rows(problem)  # type: ignore[attr-defined]
+        found = solve_in_span(solver.solve_rows, problem, solver.tolerance)  # type: ignore[attr-defined]
+        rungs[found.rung] += 1
+        other += found.status != on_rows.status
+        if found.status == on_rows.status == Status.OPTIMAL:
+            size = max(float(np.linalg.norm(problem.gradient)), float(np.linalg.norm(on_rows.value))) or 1.0
+            apart = max(apart, float(np.linalg.norm(found.value - on_rows.value)) / size)
+    return Row(family.name, count, *(rungs[rung] for rung in RUNGS), other, apart)
+
+
+def page(rows: list[Row], seed: int) -> str:
+    """The table, a line a family."""
+    lines = [
+        f"Made by `python benchmarks/rungs.py`, seed {seed}. Rungs: `docs/architecture.md`.",
+        "",
+        "| family | problems | gramian | pairs | rows | other status | apart |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        *counts, apart = list(asdict(row).values())[1:]
+        lines.append(f"| {row.family} | {' | '.join(map(str, counts))} | {apart:.0e} |")
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Measures, prints and writes."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--problems", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--families", nargs="*", default=list(FAMILIES))
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    arguments = parser.parse_args()
+    rows = [measure(FAMILIES[name], arguments.problems, arguments.seed) for name in arguments.families]
+    text = page(rows, arguments.seed)
+    print(text)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "rungs.md").write_text(text, encoding="utf-8")
+    with (arguments.out / "rungs.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+
+
+if __name__ == "__main__":
+    main()
