@@ -44,7 +44,7 @@ from .validation import (
     require_nonnegative,
     require_shape,
 )
-from .vectors import ArrayVectors
+from .vectors import ArrayVectors, is_long
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -172,6 +172,10 @@ class ConstrainedStep(ReadOnlyArrays):
         rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)
         return *solver, *rates, NEGLIGIBLE
 
+    def usual_way(self, m: int, n: int) -> tuple[Any, ...] | None:
+        """Arguments of `direct_step.move` after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
+        return None if self.rule is not violated or is_long(m, n) else vars(self).get("_direct")
+
     def __call__(
         self,
         linearization: Linearization,
@@ -258,9 +262,7 @@ class ConstrainedStep(ReadOnlyArrays):
         if observe is None and direct is not None and count > 0:
             change, flat = np.empty((count, n)), np.empty(count, np.int64)
             if direct_step().move(*stacked, *direct, flat, change):
-                counts = dict.fromkeys(_COUNTS, _nothing(runs))
-                counts["flat"] = flat.reshape(runs)
-                return StepResult(change.reshape(*runs, n), active, np.zeros(runs, np.bool_), counts)
+                return usual_result(change.reshape(*runs, n), active, flat.reshape(runs))
         run = _Run(self, observe, count)
         change, stationary = run.step(run.admitted(*stacked))
         found = {name: counted.reshape(runs) for name, counted in run.counted().items()}
@@ -283,6 +285,14 @@ class ConstrainedStep(ReadOnlyArrays):
                 f"from {self.rule!r}"
             )
         return active
+
+
+def usual_result(
+    change: Float[np.ndarray, "*runs n"], active: Bool[np.ndarray, "*runs m"], flat: Int[np.ndarray, "*runs"]
+) -> StepResult:
+    """What `direct_step.move` did: nothing but `flat` is counted."""
+    counts = {**dict.fromkeys(_COUNTS, _nothing(flat.shape)), "flat": flat}
+    return StepResult(change, active, np.zeros(flat.shape, np.bool_), counts)
 
 
 @cache

@@ -5,19 +5,24 @@ from pathlib import Path
 
 import numba
 
+import cpgrl_opt
 from envs import interface
 from envs.interface.kernel_cache import forget_outdated_kernels
 
 # To be called with explicit signatures, so that a kernel loads from the disk cache in a new process.
 kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
+# What only kernels call: compiled with them, and neither compiled nor loaded where a kernel comes from the cache.
+helper = numba.njit(nogil=True, error_model="numpy")
 
 _HERE = Path(__file__).parent
 _FOLDERS = [_HERE / "policies", _HERE / "estimators"]
 
 
 def _sources() -> list[Path]:
-    inlined = [*_FOLDERS, Path(interface.__file__).parent]
-    return [Path(__file__), *(source for folder in inlined for source in folder.glob("*.py"))]
+    steps = Path(cpgrl_opt.__file__).parent
+    inlined = [*_FOLDERS, Path(interface.__file__).parent, steps / "solvers" / "compiled"]
+    alone = [Path(__file__), steps / "direct_step.py", steps / "step_kernels.py"]
+    return [*alone, *(source for folder in inlined for source in folder.glob("*.py"))]
 
 
 forget_outdated_kernels(_FOLDERS, _sources())  # before any of them is loaded

@@ -14,7 +14,8 @@ from cpgrl_opt.validation import is_finite
 
 from .channels import name_of
 from .estimators import Estimate, Estimation, GradientEstimator
-from .learners import Learner, LearnerUpdate
+from .estimators.learned_episodes import LearnedEpisodes, LearningEstimation
+from .learners import CPGRL, Learner, LearnerUpdate
 from .policies import Policy
 from .policies.interface import parameter_vector, require_count
 from .rollout import PolicyError, RolloutError
@@ -49,6 +50,23 @@ class TrainingRecord:
         return self.estimate.linearization
 
 
+class _LearnedRecord(TrainingRecord):
+    """A record whose parts are made when somebody looks at them."""
+
+    __slots__ = ("_index", "_learned")
+
+    def __init__(self, episode: int, learned: LearnedEpisodes, index: int) -> None:
+        for name, value in (("episode", episode), ("_learned", learned), ("_index", index)):
+            object.__setattr__(self, name, value)
+
+    parameters = property(lambda self: self._learned.parameters[self._index + 1])
+    estimate = property(lambda self: self._learned.estimate(self._index))
+    update = property(lambda self: self._learned.update(self._index))
+
+    def __reduce__(self) -> tuple[type[TrainingRecord], tuple[Any, ...]]:
+        return TrainingRecord, (self.episode, self.parameters, self.estimate, self.update)
+
+
 def train(
     environment: Any,
     policy: Policy,
@@ -71,6 +89,7 @@ def train(
     stop_when_stationary: end after the update in which every run was stationary (the paper's termination).
     max_change: the most by which an update may move a component of θ, in its unit. A diverging update need not reach
     infinity: on the arm the paper's own throws θ so far that the policy never acts otherwise again.
+    Compiled episodes that nobody observes are simulated some milliseconds ahead of their records.
     Raises ValueError for bad input at once; RolloutError, a ValueError, for an environment's NaN or infinity, with the
     step, episode and run; DivergenceError when an estimate, an action or θ is not finite or θ moves further.
     """
@@ -107,22 +126,39 @@ def _records(
     estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: _Course
 ) -> Iterator[TrainingRecord]:
     memory: Any = None
-    for episode in range(1, course.episodes + 1):
-        estimate = _estimated(estimation, parameters, course, episode)
-        linearization = _finite(estimate, parameters, course, episode)
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
-            try:
-                update = learner.update(linearization, memory, course.observe)
-            except FloatingPointError as error:
-                raise DivergenceError(f"after episode {episode} {error}. {_ADVICE}") from error
-            _require_update(update, parameters)
-            parameters = parameters + update.change
-        _require_finite(parameters, course.runs, episode)
-        _require_small(update.change, course, episode)
+    learning, step = _compiled(estimation, learner, parameters, course)
+    episode = 0
+    while episode < course.episodes:
+        estimate = None
+        learned = learning.learned_episodes(parameters, step, course.episodes - episode) if learning else None
+        if learned is not None:
+            for k in range(learned.made):
+                yield _LearnedRecord(episode + k + 1, learned, k)
+            episode, parameters = episode + learned.made, learned.parameters[learned.made]
+            if learned.made == len(learned.change):
+                continue
+            estimate = learned.estimate(learned.made)
+        episode += 1
+        estimate = estimate or _estimated(estimation, parameters, course, episode)
+        parameters, update = _updated(estimate, learner, parameters, memory, course, episode)
         memory = update.memory
         yield TrainingRecord(episode, parameters, estimate, update)
         if course.stop_when_stationary and update.stationary.all():
             return
+
+
+def _compiled(
+    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: _Course
+) -> tuple[LearningEstimation | None, tuple[Any, ...]]:
+    """Who makes usual updates without Python, and what it takes of the learner; None where nobody can.
+
+    An observer sees every direction problem, and a subclass may do anything. No update depends on the last one's 𝒜.
+    """
+    if course.observe is None and type(learner) is CPGRL and isinstance(estimation, LearningEstimation):
+        way = learner.step.usual_way(len(learner.thresholds), parameters.shape[1])
+        if way is not None:
+            return estimation, (learner.thresholds.copy(), *way, float(course.max_change))
+    return None, ()
 
 
 def _estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: _Course, episode: int) -> Estimate:
@@ -137,6 +173,28 @@ def _estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], cou
     if not all(hasattr(estimate, name) for name in ("values", "gradients", "rewards")):
         raise ValueError(f"the estimator's episode should return an Estimate; found {estimate!r}")
     return estimate
+
+
+def _updated(
+    estimate: Estimate,
+    learner: Learner,
+    parameters: Float[np.ndarray, "B n"],
+    memory: Any,
+    course: _Course,
+    episode: int,
+) -> tuple[Float[np.ndarray, "B n"], LearnerUpdate]:
+    """The learner's update and θ after it, or what is wrong with either."""
+    linearization = _finite(estimate, parameters, course, episode)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
+        try:
+            update = learner.update(linearization, memory, course.observe)
+        except FloatingPointError as error:
+            raise DivergenceError(f"after episode {episode} {error}. {_ADVICE}") from error
+        _require_update(update, parameters)
+        parameters = parameters + update.change
+    _require_finite(parameters, course.runs, episode)
+    _require_small(update.change, course, episode)
+    return parameters, update
 
 
 def _finite(estimate: Estimate, parameters: Float[np.ndarray, "B n"], course: _Course, episode: int) -> Linearization:

@@ -10,18 +10,20 @@ costs the same for any number of states and actions up to their search, and hard
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
+from cpgrl_opt.direct_step import move
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 
-from ..kernels import kernel
+from ..kernels import helper, kernel
 from ..policies import SoftmaxTable
 from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
+from .learned_episodes import LearnedEpisodes
 from .reported_gradient import channels_from_start, require_updates
 from .stored_average import StoredAverage, sum_of_weights
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from .gpomdp import GPOMDP
 
 _LANES = 4  # channels handled together, one vector register of float64
+_STEPS_AHEAD = 50_000  # of the environment in one call, at the most: about a millisecond
 
 
 class FiniteGPOMDP:
@@ -46,54 +49,66 @@ class FiniteGPOMDP:
         streams: Sequence[np.random.SeedSequence],
     ) -> None:
         channels, states, actions = mdp.rewards.shape
-        self.transitions = transition_thresholds(mdp, policy)
         lanes = -(-channels // _LANES) * _LANES
-        self.rewards = np.zeros((states * actions, lanes))
-        self.rewards[:, :channels] = mdp.rewards.reshape(channels, -1).T
-        self.start = mdp.start
+        rewards = np.zeros((states * actions, lanes))
+        rewards[:, :channels] = mdp.rewards.reshape(channels, -1).T
         self.steps = int(settings.steps)
-        paper = settings.weights == "paper"
-        self.first = 1 if paper else 0  # step of the first reward that enters
-        self.following = 1.0 if paper else settings.trace_decay  # c
-        self.trace_decay, self.average_rate = float(settings.trace_decay), float(settings.average_rate)
-        self.random_states = np.array([random_state(stream) for stream in streams])
+        first = 1 if settings.weights == "paper" else 0  # step of the first reward that enters
+        following = 1.0 if settings.weights == "paper" else settings.trace_decay  # c
         self.average = StoredAverage(settings, len(streams), channels)
-        require_updates(settings.weights, settings.gradient, self.average.by_episode, self.steps)
+        by_episode, rate = self.average.by_episode, float(settings.average_rate)
+        require_updates(settings.weights, settings.gradient, by_episode, self.steps)
         # Episodes are equally long: for a report per step the mean over the updates is right, see `ReportedGradient`.
-        summed = self.average.by_episode & (settings.gradient == "reported")
-        self.divisors = np.where(summed, 1.0, max(self.steps - self.first, 1))
-        self.from_start = channels_from_start(settings.weights, settings.gradient, self.average.by_episode)
-        self.gain = sum_of_weights(self.average_rate, self.steps - self.first)
+        summed = by_episode & (settings.gradient == "reported")
+        self.gain = sum_of_weights(rate, self.steps - first)
         self.shape = (len(streams), channels, states * actions)
         self.taken, self.events = np.full(len(streams), self.steps), np.zeros(len(streams), dtype=np.int64)
+        self.arguments = (  # of the kernels, in their order
+            transition_thresholds(mdp, policy),
+            rewards,
+            mdp.start,
+            self.steps,
+            first,
+            channels_from_start(settings.weights, settings.gradient, by_episode),
+            np.where(summed, 1.0, max(self.steps - first, 1)),
+            float(settings.trace_decay),
+            following,
+            rate,
+            np.array([random_state(stream) for stream in streams]),
+            self.average.per_step,
+        )
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run in one compiled call."""
         gradients = np.empty(self.shape)
         rewards = np.empty(self.shape[:2])
-        advance(
-            np.ascontiguousarray(parameters),
-            self.transitions,
-            self.rewards,
-            self.start,
-            self.steps,
-            self.first,
-            self.from_start,
-            self.divisors,
-            self.trace_decay,
-            self.following,
-            self.average_rate,
-            self.random_states,
-            self.average.per_step,
-            gradients,
-            rewards,
-        )
+        advance(np.ascontiguousarray(parameters), *self.arguments, gradients, rewards)
         if not self.average.settled:
             self.average.totals[:] += self.gain * (1.0 - self.average.totals)
         return Estimate(self.average.store(rewards), gradients, self.taken.copy(), rewards, self.events.copy())
 
+    def learned_episodes(
+        self, parameters: Float[np.ndarray, "B n"], step: tuple[Any, ...], most: int
+    ) -> LearnedEpisodes | None:
+        """Only where ρ is simply the average per step: not early in training, nor for a report per episode."""
+        runs, channels, n = self.shape
+        if not self.average.settled or self.average.any_by_episode or len(step[0]) != channels - 1:
+            return None
+        count = max(1, min(most, _STEPS_AHEAD // (runs * self.steps)))
+        arrays = (
+            np.empty((count + 1, runs, n)),
+            np.empty((count, runs, channels)),
+            np.empty((count, *self.shape)),
+            np.empty((count, runs, channels)),
+            np.empty((count, runs, channels - 1), np.bool_),
+            np.empty((count, runs), np.int64),
+            np.empty((count, runs, n)),
+        )
+        arrays[0][0] = parameters
+        return LearnedEpisodes(learn(*self.arguments, *step, *arrays), *arrays, self.taken, self.events)
 
-@kernel("void(int64[:, :, ::1], int64[:, :, ::1], int64, uint64[:, ::1], int32[:, ::1])")
+
+@helper
 def _simulate(actions, transitions, start, random_states, visits):  # type: ignore[no-untyped-def]
     """One word a step: its high half draws the action, its low half the next state; visits (T, B) are s·A + a."""
     steps, runs = visits.shape
@@ -107,10 +122,7 @@ def _simulate(actions, transitions, start, random_states, visits):  # type: igno
             state[run] = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
 
 
-@kernel(
-    "void(int32[:, ::1], int64, float64[:, ::1], int64, boolean[::1], float64, float64, float64, float64[:, ::1], "
-    "float64[:, ::1])"
-)
+@helper
 def _gather(visits, run, rewards, first, from_start, decay, following, rate, gathered, sums):  # type: ignore[no-untyped-def]
     """G[q] = Σ (r_t + c L_t) over visits to q, sums[0] = Σ r_t, sums[1] = Σ α_r (1 − α_r)^{T−1−t} r_t; four lanes."""
     steps = visits.shape[0]
@@ -180,3 +192,74 @@ def advance(  # type: ignore[no-untyped-def]
         for i in range(averages.shape[1]):
             averages[run, i] = kept * averages[run, i] + sums[1, i]
             reward_sums[run, i] = sums[0, i]
+
+
+@kernel(
+    "int64(int64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], float64, float64, "
+    "float64, uint64[:, ::1], float64[:, ::1], float64[::1], boolean, boolean, boolean, float64, float64, float64, "
+    "float64, float64, float64[:, :, ::1], float64[:, :, ::1], float64[:, :, :, ::1], float64[:, :, ::1], "
+    "boolean[:, :, ::1], int64[:, ::1], float64[:, :, ::1])"
+)
+def learn(  # type: ignore[no-untyped-def]
+    transitions,
+    rewards,
+    start,
+    steps,
+    first,
+    from_start,
+    divisors,
+    trace_decay,
+    following,
+    average_rate,
+    random_states,
+    averages,
+    thresholds,  # (m,)
+    tangent_solver,  # this and the next six as `move` has them
+    is_equality,
+    restores_inside,
+    step_size,
+    restoration_rate,
+    tolerance,
+    relative,
+    max_change,
+    parameters,  # (1 + K, B, n), the first given, the others filled
+    values,  # (K, B, 1 + m), filled, as are the others
+    gradients,  # (K, B, 1 + m, n)
+    reward_sums,  # (K, B, 1 + m)
+    active,  # (K, B, m)
+    flat,  # (K, B)
+    change,  # (K, B, n)
+):
+    """K episodes, each with the usual update of θ: 𝒜 = {i: ρⁱ ≤ Gⁱ}, then `move`.
+
+    Returns how many updates were made: where it is less than K, one more episode is there, whose update is not the
+    usual one, or not finite, or too far.
+    """
+    count, runs, n = change.shape
+    slack = np.empty((runs, thresholds.size))
+    for k in range(count):
+        advance(
+            parameters[k], transitions, rewards, start, steps, first, from_start, divisors, trace_decay, following,
+            average_rate, random_states, averages, gradients[k], reward_sums[k],
+        )  # fmt: skip
+        values[k] = averages
+        usual = True
+        for run in range(runs):
+            for i in range(averages.shape[1]):
+                usual = usual and abs(values[k, run, i]) < np.inf and abs(reward_sums[k, run, i]) < np.inf
+            for i in range(thresholds.size):
+                slack[run, i] = values[k, run, 1 + i] - thresholds[i]
+                active[k, run, i] = slack[run, i] <= 0.0
+                usual = usual and abs(slack[run, i]) < np.inf
+        usual = usual and move(
+            gradients[k], slack, active[k], tangent_solver, is_equality, restores_inside, step_size, restoration_rate,
+            tolerance, relative, flat[k], change[k],
+        )  # fmt: skip
+        for run in range(runs):
+            for j in range(n):
+                parameters[k + 1, run, j] = parameters[k, run, j] + change[k, run, j]
+                near = abs(change[k, run, j]) <= max_change and abs(parameters[k + 1, run, j]) < np.inf
+                usual = usual and near
+        if not usual:
+            return k
+    return count

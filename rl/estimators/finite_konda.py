@@ -13,7 +13,7 @@ from jaxtyping import Float
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 
-from ..kernels import kernel
+from ..kernels import helper, kernel
 from ..policies import SoftmaxTable
 from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
@@ -75,7 +75,7 @@ class FiniteKonda:
         return Estimate(self.average.store(rewards), gradients, np.full(runs, self.steps), rewards, none)
 
 
-@kernel("float64(float64[::1], float64[::1], int64)")
+@helper
 def _value(critic, probabilities, action):  # type: ignore[no-untyped-def]
     """wᵀψ(s, a) from the state's row of w and of μ: w_a − Σ_b μ_b w_b."""
     value = critic[action]
@@ -84,7 +84,7 @@ def _value(critic, probabilities, action):  # type: ignore[no-untyped-def]
     return value
 
 
-@kernel("void(float64, float64[::1], int64, int64, float64[:, ::1])")
+@helper
 def _extend(decay, probabilities, state, action, trace):  # type: ignore[no-untyped-def]
     """z ← βz + ψ(s, a); z: (S, A)."""
     for s in range(trace.shape[0]):
@@ -95,7 +95,7 @@ def _extend(decay, probabilities, state, action, trace):  # type: ignore[no-unty
     trace[state, action] += 1.0
 
 
-@kernel("void(float64, float64[:, ::1], float64[::1])")
+@helper
 def _add(change, trace, critic):  # type: ignore[no-untyped-def]
     """w ← w + α_w δ z."""
     flat = trace.ravel()

@@ -5,7 +5,7 @@ from jaxtyping import Int64
 
 from envs.interface import FiniteKernel
 
-from ..kernels import kernel
+from ..kernels import helper
 from ..policies import SoftmaxTable
 
 WORD = 2.0**32  # a draw is 32 bits: events rarer than 2⁻³² per step do not occur
@@ -22,7 +22,7 @@ def transition_thresholds(mdp: FiniteKernel, policy: SoftmaxTable) -> Int64[np.n
     return np.ceil(mdp.transition_cumulative * WORD).astype(np.int64)
 
 
-@kernel("void(float64[::1], float64[:, ::1], int64[:, ::1])")
+@helper
 def tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
     """μ(s, a), and the least 32-bit draw that goes beyond action a in state s."""
     states, actions = probabilities.shape
@@ -38,10 +38,12 @@ def tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
             thresholds[s, a] = np.int64(np.ceil(below * WORD))
 
 
-@kernel("int64(int64[::1], int64)")
+@helper
 def drawn(thresholds, draw):  # type: ignore[no-untyped-def]
     """The first j with draw < thresholds[j], the last if none; the last is not compared."""
     last = thresholds.size - 1
+    if last == 2:  # a quarter of an episode's time goes into the loop's own counting
+        return np.int64(draw >= thresholds[0]) + np.int64(draw >= thresholds[1])
     if last > 16:
         return min(np.searchsorted(thresholds, draw, side="right"), last)
     count = 0
@@ -50,7 +52,7 @@ def drawn(thresholds, draw):  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])")
+@helper
 def contract(gathered, probabilities, divisors, gradients):  # type: ignore[no-untyped-def]
     """Δⁱ = Σ_q ψ(q) Gⁱ[q] / divisors[i]: G − μ(s, ·) Σ_b G[s, b] in each state."""
     states, actions = probabilities.shape

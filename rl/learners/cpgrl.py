@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt import ConstrainedStep, Linearization, StepResult
 from cpgrl_opt.step import Observer
 
 from .interface import LearnerUpdate
@@ -33,5 +33,9 @@ class CPGRL:
         self, linearization: Linearization, memory: Any = None, observe: Observer | None = None
     ) -> LearnerUpdate:
         """The step's change; the memory is its active set."""
-        result = self.step(linearization, self.thresholds, memory, observe)
+        return self.update_of(self.step(linearization, self.thresholds, memory, observe))
+
+    @staticmethod
+    def update_of(result: StepResult) -> LearnerUpdate:
+        """What the step did, as learners say it."""
         return LearnerUpdate(result.change, result.active, result.stationary, result.counts, result.active)

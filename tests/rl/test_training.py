@@ -1,8 +1,11 @@
 """Training: records, first parameters, determinism for any batch, thread or process, divergence."""
 
+import itertools
+import pickle
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,7 +15,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import ConstrainedStep, Linearization
-from envs import TabularEnv, TabularMDP, ThreeStateMDP
+from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
 from rl import (
     CPGRL,
     GPOMDP,
@@ -22,6 +25,7 @@ from rl import (
     LearnerUpdate,
     LinearSoftmax,
     SoftmaxTable,
+    TrainingRecord,
     WeightedSum,
     map_runs,
     train,
@@ -82,6 +86,84 @@ def test_records_kept_are_not_overwritten_by_later_episodes() -> None:
         for arrays, copied in zip(kept, copies, strict=True):
             for array, copy in zip(arrays, copied, strict=True):
                 np.testing.assert_array_equal(array, copy)
+
+
+SHORT = GPOMDP(steps=12, average_rate=0.3)  # whose average is settled soon, and whose gradients are often 0
+
+
+def numbers(record: TrainingRecord) -> list[np.ndarray]:
+    estimate, update = record.estimate, record.update
+    counts = [update.counts[name] for name in sorted(update.counts)]
+    estimated = [estimate.values, estimate.gradients, estimate.steps, estimate.rewards, estimate.events]
+    return [record.parameters, *estimated, update.change, update.active, update.stationary, *counts]
+
+
+@pytest.mark.parametrize(
+    ("mdp", "settings"),
+    [
+        (ThreeStateMDP(), {}),
+        (ThreeStateMDP(), {"formulation": "restoring"}),
+        (ThreeStateMDP(), {"solver": "rosen"}),
+        (random_mdp(np.random.default_rng(5), 4, 5, 3), {"formulation": "cone"}),
+    ],
+)
+def test_updates_made_in_compiled_code_have_the_bits_of_those_that_somebody_observes(
+    mdp: TabularMDP, settings: dict[str, Any]
+) -> None:
+    policy = SoftmaxTable(mdp.states, mdp.actions)
+    thresholds = mdp.average_rewards(policy.probabilities())[1:]
+    learner, initial = CPGRL(ConstrainedStep(**settings), thresholds), uniform_parameters(policy.parameters.size)
+    train_some = partial(train, mdp, policy, SHORT, learner, episodes=100, runs=6, initial=initial)
+    kinds: Counter[str] = Counter()
+    for record, observed in zip(train_some(), train_some(observe=lambda *_: None), strict=True):
+        kinds[type(record).__name__] += 1
+        assert record.episode == observed.episode
+        for array, other in zip(numbers(record), numbers(observed), strict=True):
+            assert array.dtype == other.dtype
+            np.testing.assert_array_equal(array, other)
+    assert kinds["_LearnedRecord"] > 50
+    assert kinds["TrainingRecord"] > 5
+
+
+def test_records_of_compiled_updates_can_be_kept_and_pickled() -> None:
+    learner = LEARNERS["CPGRL"]
+    records = list(train(ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, learner, episodes=200, runs=2))
+    for record, after in itertools.pairwise(records):
+        np.testing.assert_array_equal(after.parameters, record.parameters + after.update.change)
+    for array, other in zip(numbers(records[-1]), numbers(pickle.loads(pickle.dumps(records[-1]))), strict=True):
+        np.testing.assert_array_equal(array, other)
+
+
+def test_an_update_that_goes_too_far_ends_training_after_the_same_record_observed_or_not() -> None:
+    def episodes(observe: Any) -> tuple[int, str]:
+        records = train(
+            ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, LEARNERS["CPGRL"], episodes=9999, runs=3, observe=observe,
+            max_change=0.04,
+        )  # fmt: skip
+        made: list[int] = []
+        with pytest.raises(DivergenceError) as error:
+            made.extend(record.episode for record in records)
+        return made[-1], str(error.value)
+
+    unobserved = episodes(None)
+    assert unobserved == episodes(lambda *_: None)
+    assert unobserved[0] > 20
+
+
+def test_thresholds_that_do_not_fit_and_a_subclass_of_the_learner_do_not_go_into_compiled_code() -> None:
+    settled = GPOMDP(bias_correction=False)
+    with pytest.raises(ValueError, match=r"thresholds should have shape \(3,\); found \(2,\)"):
+        next(train(ThreeStateMDP(), SoftmaxTable(3, 3), settled, CPGRL(ConstrainedStep(), [0, 0]), episodes=1, runs=1))
+
+    class Still(CPGRL):
+        def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> LearnerUpdate:
+            update = super().update(linearization, memory, observe)
+            return replace(update, change=0.0 * update.change)
+
+    *_, record = train(
+        ThreeStateMDP(), SoftmaxTable(3, 3), settled, Still(ConstrainedStep(), [0, 0, 0]), episodes=3, runs=1
+    )
+    assert not record.parameters.any()
 
 
 def test_a_learners_memory_comes_back_with_the_next_linearization() -> None:
