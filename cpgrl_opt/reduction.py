@@ -15,7 +15,7 @@ Source: Golub & Van Loan, Matrix Computations, §4.2 and §5.3; with pivoting: H
 """
 
 from dataclasses import dataclass
-from functools import cache, wraps
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -77,12 +77,13 @@ class Coordinates:
     def weights(self, x: Float[np.ndarray, "k"]) -> Pair:
         """(a, w) with a g + Jᵀw = Qᵀx, (1 + m,); a = 1 exactly where x keeps g's part outside the span of the rows."""
         weights, rank = _zeros(self.scales.shape), len(self.basis)
-        if self.rung == "gramian":
-            arrays = self.factor.hi, self.gradient, self.scales, rank, self.basis
-            _compiled().substitute(*arrays, np.ascontiguousarray(x), weights.hi)
-            return weights
         outside = self.gradient[rank]
         a = float(x[rank] / outside) if outside != 0.0 else 0.0
+        if self.rung == "gramian":
+            L = self.factor.hi[self.basis, :rank]
+            weights.hi[self.basis] = np.linalg.solve(L.T, x[:rank] - a * self.gradient[:rank]) / self.scales[self.basis]
+            weights.hi[0] = a
+            return weights
         own = _entries(self.factor, 0, slice(rank)).times(self.scales[0])
         rest = Pair(x[:rank], np.zeros(rank)).plus(own.times(-a))
         w = _solved_transposed(_entries(self.factor, self.basis, slice(rank)), rest)
@@ -129,9 +130,11 @@ def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear
     clear: the least 1/‖L⁻¹‖_F² that "pairs" takes, L of rows that do not depend on each other.
     """
     K = _pair(vectors.gramian().copy()) if rung == "gramian" else vectors.gramian_in_pairs()
-    scales, lengths = np.empty(len(K.hi)), np.empty(len(K.hi))
-    if not _compiled().measure(K.hi, on, _LEAST, _MOST, scales, lengths):
+    squares = np.where(np.append(True, on), K.hi.diagonal(), 0.0)
+    if not ((squares == 0.0) | ((squares > _LEAST) & (squares < _MOST))).all():  # which NaN is not
         return None
+    lengths = np.sqrt(squares)
+    scales = np.where(lengths > 0.0, np.ldexp(1.0, np.frexp(lengths)[1]), 1.0)
     off = np.flatnonzero(lengths == 0.0)
     K.hi[off], K.hi[:, off], K.lo[off], K.lo[:, off] = 0.0, 0.0, 0.0, 0.0
     for i in off.tolist():
@@ -152,9 +155,21 @@ def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear
 
 def _factor(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.ndarray] | None:
     """L of the rows and then g, in float64; None where the gates of rung 1 are shut."""
-    L, basis = np.empty(K.hi.shape), np.empty(len(K.hi), np.int64)
-    rank = _compiled().factorize(K.hi, scales, lengths, _APART, _OUT_OF_SPAN, L, basis)
-    return None if rank < 0 else (Pair(L, K.lo), basis[:rank])
+    basis = 1 + np.flatnonzero(lengths[1:])
+    order = np.append(basis, 0) if lengths[0] > 0.0 else basis
+    rank, A = len(basis), K.hi[np.ix_(order, order)] / (scales[order] * scales[order, None])
+    try:
+        C = np.linalg.cholesky(A)
+    except np.linalg.LinAlgError:
+        return None
+    inverse = np.linalg.inv(C[:rank, :rank]) * (lengths / scales)[basis]
+    if not np.square(inverse).sum() <= _APART:
+        return None
+    if len(order) > rank and not C[rank, rank] ** 2 >= _OUT_OF_SPAN * A[rank, rank]:
+        return None
+    L = np.zeros(K.hi.shape)
+    L[order, : len(order)] = C
+    return Pair(L, K.lo), basis
 
 
 def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float) -> tuple[Pair, np.ndarray] | None:
@@ -201,14 +216,6 @@ def _solved_transposed(L: Pair, x: Pair) -> Pair:
         across = _entries(L, j, slice(j)).times_pair(Pair(-found.hi, -found.lo))
         w.hi[:j], w.lo[:j] = _entries(w, slice(j)).plus(across)
     return w
-
-
-@cache
-def _compiled() -> Any:
-    """The module of compiled loops; imports numba."""
-    from . import _reduction
-
-    return _reduction
 
 
 def _entries(pair: Pair, *index: Any) -> Pair:
