@@ -68,6 +68,7 @@ jaxtyping.install_import_hook(
         "cpgrl_opt.problem",
         "cpgrl_opt.scaling",
         "cpgrl_opt.projection",
+        "cpgrl_opt._step_run",
         "cpgrl_opt.step",
         "envs.markov_chain",
         "envs.occupancy",

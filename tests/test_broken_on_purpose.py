@@ -44,7 +44,7 @@ MUTATIONS = {
         "::test_the_direct_pass_leaves_rows_that_nearly_depend_to_the_thorough_kernel",
     ),
     "the step restores the wrong way": Mutation(
-        "cpgrl_opt/step.py",
+        "cpgrl_opt/_step_run.py",
         "change += settings.restoration_rate * restoration",
         "change -= settings.restoration_rate * restoration",
         "cpgrl_opt/test_step.py::test_equality_is_the_papers_update",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionError, Linearization
-from cpgrl_opt import step as step_module
+from cpgrl_opt import step_in_span as step_module
 from cpgrl_opt.direction import Direction, Status
 from cpgrl_opt.vectors import _numpy as array_vectors
 

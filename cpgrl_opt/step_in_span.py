@@ -1,0 +1,61 @@
+"""Steps on long gradients: each run in the 1 + m coordinates of its own gradients, where nothing of a step changes.
+
+tangent, restoration, drop rule and limits on the rows of L, K = L Lᵀ        change = a g + Jᵀw, combined once
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .direction import DirectionBatch, DirectionError
+from .problem import ProblemBatch
+from .reduction import RUNGS, coordinates
+from .scaling import lengths
+from .vectors import ArrayVectors
+
+# The coordinates of rows at an angle θ are rounded, which tilts them by eps/θ, and nothing mends a step as a solve is
+# mended: 1e-4 rad leave 1e-12 of it.
+_CLEAR_ROWS = 1e-8
+
+OnRows = Callable[..., Any]  # (gradients, slack, active, observe) -> StepResult
+
+
+def step_in_span(
+    on_rows: OnRows,
+    vectors: Sequence[ArrayVectors],
+    slack: np.ndarray,
+    active: np.ndarray,
+    step_size: float,
+    observe: Any,
+) -> list[Any]:
+    """A `StepResult` for each run, in the order of their indices; `observe` sees the subproblems in coordinates."""
+    runs = zip(np.ndindex(slack.shape[:-1]), vectors, strict=True)
+    return [_step_one(on_rows, each, slack[run], active[run], step_size, observe) for run, each in runs]
+
+
+def _step_one(
+    on_rows: OnRows, vectors: ArrayVectors, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
+) -> Any:
+    """By the first rung that is exact enough, else on the rows."""
+    seen: list[tuple[ProblemBatch, DirectionBatch]] = []
+    see = None if observe is None else lambda *pair: seen.append(pair)
+    for rung in RUNGS:
+        small = coordinates(vectors, active, rung, clear=_CLEAR_ROWS)
+        if small is None:
+            continue
+        seen.clear()
+        try:
+            result = on_rows(np.vstack([small.gradient, small.jacobian]), slack, active, see)
+        except DirectionError:  # the rows may have what their coordinates have not
+            continue
+        if result.counts["skipped"]:
+            continue
+        change, certificate = vectors.combine(small.weights(result.change), np.zeros(len(slack)))
+        unit = float(lengths(result.change)) + step_size * float(small.lengths[0])
+        if small.holds(result.change, certificate, unit):
+            for pair in seen:
+                observe(*pair)
+            return replace(result, change=change)
+    return on_rows(np.vstack([vectors.gradient, vectors.jacobian]), slack, active, observe)
