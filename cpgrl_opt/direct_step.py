@@ -55,7 +55,7 @@ def move(
     ratio = restoration_rate / step_size if restores_inside else 0.0
     if not fill_problems(gradients, target, kept, is_equality, ratio, g, J, b, E):
         return False
-    value, multipliers, report = np.empty(count * n), np.empty(count * m), np.empty(3 * count)
+    value, multipliers, report = np.empty(count * n), np.empty(count * m), np.empty(6 * count)
     _project(
         tangent_solver,
         g.reshape(count * n),

@@ -78,8 +78,7 @@ class Direction:
     In a metric Md = g + Jᵀμ, in a ball κMd = g + Jᵀμ. value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y
     (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0; or bᵀy > radius ‖Jᵀy‖_M⁻¹ where the ball misses the constraints).
     iterations: as the method counts them; radius_multiplier κ ≥ 0: 0 where the ball is slack, or there is none;
-    residuals: those that an OPTIMAL was granted on, None where only their worst was looked at; rung: how g and J were
-    looked at, "gramian", "pairs" (see `reduction`) or "rows"; "" where the solver does not say.
+    residuals: those that an OPTIMAL was granted on, else None; rung: how g and J were looked at, "gramian", "pairs" (see `reduction`) or "rows"; "" where the solver does not say.
     Source: §2.3 of the paper, where λ = −μ.
     """
 
@@ -92,11 +91,19 @@ class Direction:
     rung: str = ""
 
     @classmethod
-    def found(cls, value: Vector, multipliers: Multipliers, status: Status, iterations: int, rung: str) -> "Direction":
-        """A direction without a ball and its residuals; faster than to set seven frozen fields one by one."""
+    def found(
+        cls,
+        value: Vector,
+        multipliers: Multipliers,
+        status: Status,
+        iterations: int,
+        residuals: KKTResiduals | None,
+        rung: str,
+    ) -> "Direction":
+        """A direction without a ball; faster than to set seven frozen fields one by one."""
         direction = object.__new__(cls)
         vars(direction).update(value=value, multipliers=multipliers, status=status, iterations=iterations)
-        vars(direction).update(radius_multiplier=0.0, residuals=None, rung=rung)
+        vars(direction).update(radius_multiplier=0.0, residuals=residuals, rung=rung)
         return direction
 
     def raise_for_status(self) -> None:

@@ -8,7 +8,7 @@ checked but that NaN and overflow end as NUMERICAL_ERROR: `DirectionProblem` has
 
 import numpy as np
 
-from ..direction import Direction, DirectionBatch, Status
+from ..direction import Direction, DirectionBatch, KKTResiduals, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .compiled._direct import OPEN, project_directly
 from .compiled._projection import project_stacked
@@ -23,20 +23,20 @@ def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = Fals
     Every microsecond here is a good part of the time of a whole solve.
     """
     g, J, b, E = problem.gradient, problem.jacobian, problem.bound, problem.equality
-    value, multipliers, report = np.empty(len(g)), np.empty(len(b)), np.empty(3)
+    value, multipliers, report = np.empty(len(g)), np.empty(len(b)), np.empty(6)
     project_directly.run(tangent, g, J, b, E, tolerance, value, multipliers, report)
-    status, changes, _ = report.tolist()
+    status, changes, *residuals = report.tolist()
     if status == OPEN:
         alone = ProblemBatch.trusted(g[None], J[None], b[None], E[None])
         [answer] = solve_thoroughly(alone, tolerance, tangent=tangent)
         return answer
-    return Direction.found(value, multipliers, _OPTIMAL, int(changes), "rows")
+    return Direction.found(value, multipliers, _OPTIMAL, int(changes), KKTResiduals(*residuals), "rows")
 
 
 def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
     """B problems, each exactly as `project` answers it."""
     count, m, n = problems.jacobian.shape
-    value, multipliers, report = np.empty((count, n)), np.empty((count, m)), np.empty((3, count))
+    value, multipliers, report = np.empty((count, n)), np.empty((count, m)), np.empty((6, count))
     project_directly.machine_code(
         tangent,
         problems.gradient.reshape(-1),
@@ -54,8 +54,8 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
         answers = solve_thoroughly(problems.chosen(status != 0), tolerance, tangent=tangent)
         for k, answer in zip(left, answers, strict=True):
             status[k], value[k], multipliers[k] = answer.status, answer.value, answer.multipliers
-            iterations[k] = answer.iterations
-    return DirectionBatch(value, multipliers, status, iterations)
+            iterations[k], report[2:, k] = answer.iterations, answer.residuals or np.nan
+    return DirectionBatch(value, multipliers, status, iterations, None, report[2:].T, np.full(count, "rows"))
 
 
 def compile_kernels(*, thorough: bool = True) -> None:

@@ -10,7 +10,7 @@ from math import frexp, inf
 import numpy as np
 
 from ..certify import is_proven, kkt_residuals
-from ..direction import Direction, Status
+from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem, ProblemBatch
 from ..scaling import lengths, unit_rows
 from .compiled._direct import MISSED
@@ -29,7 +29,7 @@ _LEAST = 1e-13  # violations below this are rounding
 def solve_thoroughly(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> list[Direction]:
     """Answers to B problems; tangent: takes no inequality."""
     count, m, n = problems.jacobian.shape
-    values, multipliers, reports = np.empty((count, n)), np.empty((count, m)), np.empty((3, count))
+    values, multipliers, reports = np.empty((count, n)), np.empty((count, m)), np.empty((6, count))
     project_stacked(
         tangent,
         int(PLAIN),
@@ -43,8 +43,8 @@ def solve_thoroughly(problems: ProblemBatch, tolerance: float, *, tangent: bool 
         reports.ravel(),
     )
     answers = []
-    for k, (status, changes, _) in enumerate(reports.T.tolist()):
-        answer, problem = _answer(values[k], multipliers[k], status, changes), problems[k]
+    for k, report in enumerate(reports.T.tolist()):
+        answer, problem, status = _answer(values[k], multipliers[k], report), problems[k], report[0]
         if status not in _SETTLED:
             answer = reconsider(problem, answer, tolerance)
         if answer.status in _CLAIMING_A_POINT and (conflict := find_contradiction(problem, answer.value)) is not None:
@@ -85,13 +85,15 @@ def reconsider(problem: DirectionProblem, first: Direction, tolerance: float) ->
             return _prove(problem, answer)
         if answer.status == Status.NUMERICAL_ERROR:
             continue
-        worst = kkt_residuals(problem, answer).worst
+        residuals = kkt_residuals(problem, answer)
+        worst = residuals.worst
         if worst < least:
-            best, least = answer, worst
+            best, least = replace(answer, residuals=residuals), worst
         if worst <= min(EXACT, tolerance):
             break
-    status = Status.OPTIMAL if least <= tolerance else max(best.status, Status.UNCERTIFIED)
-    return replace(best, status=status, iterations=changes)
+    if least <= tolerance:
+        return replace(best, status=Status.OPTIMAL, iterations=changes)
+    return replace(best, status=max(best.status, Status.UNCERTIFIED), iterations=changes, residuals=None)
 
 
 def _attempts(problem: DirectionProblem, first: Direction) -> Iterator[Direction]:
@@ -153,7 +155,7 @@ def _violate_least(problem: DirectionProblem, proven: Direction) -> Direction:
         included |= new
     value = np.ldexp(d, exponent)
     if not (np.isfinite(value).all() and np.isfinite(proven.multipliers).all()):
-        return _answer(np.zeros(problem.n), np.zeros(len(on)), Status.NUMERICAL_ERROR, proven.iterations)
+        return Direction(np.zeros(problem.n), np.zeros(len(on)), Status.NUMERICAL_ERROR, proven.iterations)
     return replace(proven, value=value)
 
 
@@ -173,11 +175,14 @@ def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
 def _solve(gradient: Floats, jacobian: Floats, bound: Floats, equality: Booleans, attempt: int) -> Direction:
     """One pass of the kernel."""
     value, multipliers = np.zeros(jacobian.shape[1]), np.zeros(len(jacobian))
-    report = np.array([Status.NUMERICAL_ERROR, 0.0, inf])  # what stands where there is no coordinate to solve for
+    report = np.array([Status.NUMERICAL_ERROR, 0.0, *[inf] * 4])  # stands where there is no coordinate
     arrays = (np.ascontiguousarray(array) for array in (gradient, jacobian, bound, equality))
     project_stacked(False, int(attempt), *arrays, EXACT, value, multipliers, report)
-    return _answer(value, multipliers, report[0], report[1])
+    return _answer(value, multipliers, report.tolist())
 
 
-def _answer(value: Floats, multipliers: Floats, status: float, changes: float) -> Direction:
-    return Direction.found(value, multipliers, Status(int(status)), int(changes), "rows")
+def _answer(value: Floats, multipliers: Floats, report: list[float]) -> Direction:
+    """As the kernel reports it."""
+    status, changes, *residuals = report
+    known = KKTResiduals(*residuals) if status == Status.OPTIMAL else None
+    return Direction.found(value, multipliers, Status(int(status)), int(changes), known, "rows")

@@ -21,12 +21,25 @@ def test_a_batch_reads_as_the_directions_of_a_loop() -> None:
             np.testing.assert_array_equal(together.value, alone.value)
 
 
-def test_residuals_are_those_of_the_referee() -> None:
-    problems = batch_of(np.random.default_rng(2))
-    batch = SOLVERS["nnls"].solve_batch(problems)  # type: ignore[attr-defined]
-    assert batch.residuals is not None
+@pytest.mark.parametrize("name", ["active-set", "nnls", "rosen-drop"])
+@pytest.mark.parametrize("theta", [1.0, 1e-6], ids=["generic", "nearly opposing"])
+def test_residuals_are_those_of_the_referee(name: str, theta: float) -> None:
+    generic = batch_of(np.random.default_rng(2))
+    J = generic.jacobian.copy()
+    J[:, 2] = -J[:, 1] + theta * J[:, 2]
+    problems = ProblemBatch(generic.gradient, J)
+    batch = SOLVERS[name].solve_batch(problems)  # type: ignore[attr-defined]
     for direction, problem in zip(batch[1:], problems[1:], strict=True):
-        assert direction.residuals == kkt_residuals(problem, direction)
+        assert direction.residuals is not None
+        assert SOLVERS[name].solve(problem).residuals == direction.residuals
+        np.testing.assert_allclose(direction.residuals, kkt_residuals(problem, direction), rtol=0, atol=1e-14)
+
+
+def test_what_is_not_optimal_has_none() -> None:
+    infeasible = DirectionProblem([1.0, 0.0], [[1.0, 0.0], [-1.0, 0.0]], [1.0, 1.0])
+    for name in ("active-set", "nnls"):
+        answer = SOLVERS[name].solve(infeasible)
+        assert (answer.status, answer.residuals) == (Status.INFEASIBLE, None)
 
 
 def test_long_batches_say_which_rung_answered() -> None:

@@ -165,23 +165,31 @@ def add_rows(
 
 
 @inlined
-def worst_residual(
-    small: Floats, state: Integers, equality: Booleans, first: int, stationarity: float, sigma: float
+def measure(
+    small: Floats, state: Integers, equality: Booleans, first: int, stationarity: float, sigma: float, parts: Floats
 ) -> float:
-    """The referee's `worst` of μ, slack and ‖r‖, without its allowance for rounding. "not ≤" lets NaN through."""
-    worst = 0.0
+    """The referee's residuals of μ, slack and ‖r‖, without its allowance for rounding, into parts; the worst of them.
+
+    "not ≤" lets NaN through. Dual is 0 here.
+    """
+    primal, complementarity = 0.0, 0.0
     for i in range(small.shape[1]):
         if state[i] != OFF:
             mu, slack = small[MU, i], small[SLACK, i]
-            residual = abs(slack if equality[first + i] or slack < mu else mu)
-            worst = worst if residual <= worst else residual
             missed = abs(slack) if equality[first + i] else -slack
+            primal = primal if missed <= primal else missed
+            if not equality[first + i]:
+                least = abs(slack if slack < mu else mu)
+                complementarity = complementarity if least <= complementarity else least
             if missed > MISSED * abs(small[BOUND, i]) and small[BOUND, i] != 0.0:  # rounding, beside a long g; or not
                 return inf
+    worst = primal if complementarity <= primal else complementarity
     worst = worst if stationarity <= worst else stationarity
-    if 1.0 / SAFE < sigma < SAFE:
-        return worst / sigma
-    return 0.0 if sigma == worst == 0.0 else inf
+    if not 1.0 / SAFE < sigma < SAFE:
+        parts[:] = 0.0
+        return 0.0 if sigma == worst == 0.0 else inf
+    parts[0], parts[1], parts[2], parts[3] = stationarity / sigma, primal / sigma, 0.0, complementarity / sigma
+    return worst / sigma
 
 
 @inlined
@@ -197,8 +205,9 @@ def answer(
     size: int,
     value: Floats,
     rest: Floats,
+    parts: Floats,
 ) -> float:
-    """d and μ of 𝒜, corrected once by what d leaves of b̂ − Ĵd; the worst residual."""
+    """d and μ of 𝒜, corrected once by what d leaves of b̂ − Ĵd; residuals into parts, the worst returned."""
     m, n = small.shape[1], value.shape[1]
     first = problem * m
     for j in range(n):
@@ -226,7 +235,7 @@ def answer(
     add_rows(rest, 0, -1.0, jacobian, first, small[WEIGHT], order, size)
     length, square = inner(gradient, problem, gradient, problem), inner(value, problem, value, problem)
     sigma = sqrt(length if square <= length else square)
-    worst: float = worst_residual(small, state, equality, first, sqrt(inner(rest, 0, rest, 0)), sigma)
+    worst: float = measure(small, state, equality, first, sqrt(inner(rest, 0, rest, 0)), sigma, parts)
     return worst
 
 
@@ -246,13 +255,13 @@ def project_directly(
     multipliers_out: Floats,
     report_out: Floats,
 ) -> None:
-    """As `project_stacked`, but a status is OPTIMAL or OPEN, and then value and multipliers mean nothing."""
+    """As `project_stacked`, but a status is OPTIMAL or OPEN, and then value, multipliers and residuals mean nothing."""
     n = jacobian.shape[1]
     count = gradient.shape[0] // n
     m = jacobian.shape[0] // count if count > 0 else 0
     gradients, values = gradient.reshape((count, n)), value_out.reshape((count, n))
     gram, factor, small, rest = np.empty((m, m)), np.empty((m, m)), np.empty((8, m)), np.empty((1, n))
-    state, order = np.empty(m, np.int64), np.empty(m, np.int64)
+    state, order, parts = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(4)
     for b in range(count):
         size, changes, worst = -1, 0, inf
         usable = prepare(b, gradients, jacobian, bound, equality, gram, small, state)
@@ -261,9 +270,11 @@ def project_directly(
         if usable:
             size, changes = find_active_set(gram, factor, small, state, order, equality, b * m)
         if size >= 0:
-            worst = answer(b, gradients, jacobian, equality, factor, small, state, order, size, values, rest)
-        report_out[b], report_out[count + b], report_out[2 * count + b] = OPEN, 0.0, inf
+            worst = answer(b, gradients, jacobian, equality, factor, small, state, order, size, values, rest, parts)
+        report_out[b], report_out[count + b] = OPEN, 0.0
         if worst <= SHARP and worst <= tolerance:
-            report_out[b], report_out[count + b], report_out[2 * count + b] = OPTIMAL, changes, worst
+            report_out[b], report_out[count + b] = OPTIMAL, changes
+            for k in range(4):
+                report_out[(2 + k) * count + b] = parts[k]
             for i in range(m):
                 multipliers_out[b * m + i] = small[WEIGHT, i]

@@ -48,10 +48,10 @@ def rest_in_twice_the_precision(space: Floats, small: Floats) -> None:
 
 
 @kernel
-def worst_residual(space: Floats, small: Floats, index: Integers, size: int, scale: int) -> float:
-    """The referee's `worst` of d and μ as they round when unscaled; leaves μ, unscaled and by row, in SPARE.
+def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int, parts: Floats) -> float:
+    """The referee's residuals of d and μ as they round when unscaled, into parts; the worst of them.
 
-    Dual and primal residual on I are no more than |min(μ̂, slack)|. "not ≤" lets NaN through, ">" would lose it.
+    Leaves μ, unscaled and by row, in SPARE. "not ≤" lets NaN through, ">" would lose it.
     """
     factor = np.ldexp(1.0, scale)
     for j in range(space.shape[1]):
@@ -64,13 +64,18 @@ def worst_residual(space: Floats, small: Floats, index: Integers, size: int, sca
         i = index[ACTIVE, k]
         small[SPARE, i] = np.ldexp(small[MULTIPLIER, k], scale - index[EXPONENT, i])
         small[THRESHOLD, i] = np.ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
-    worst, total = 0.0, 0.0
+    parts[:] = 0.0
+    total = 0.0
     for i in range(small.shape[1]):
         if small[BOUND, i] > -inf:
             mu = small[THRESHOLD, i] * small[LENGTH, i]
             slack = (dot(space, ROWS + i, VALUE) - small[BOUND, i]) / small[LENGTH, i]
-            residual = abs(slack if index[KIND, i] == EQUALITY or slack < mu else mu)
-            worst = worst if residual <= worst else residual
+            missed = abs(slack) if index[KIND, i] == EQUALITY else -slack
+            parts[1] = parts[1] if missed <= parts[1] else missed
+            if index[KIND, i] != EQUALITY:
+                least = abs(slack if slack < mu else mu)
+                parts[2] = parts[2] if -mu <= parts[2] else -mu
+                parts[3] = parts[3] if least <= parts[3] else least
             total += abs(mu)
             add(space, REST, -small[THRESHOLD, i], ROWS + i)
     sigma, own = sqrt(dot(space, TARGET, TARGET)), sqrt(dot(space, VALUE, VALUE))
@@ -80,8 +85,13 @@ def worst_residual(space: Floats, small: Floats, index: Integers, size: int, sca
         rest_in_twice_the_precision(space, small)
         margin, allowance = 0.0, ALLOWED * sigma
     stationarity = sqrt(dot(space, REST, REST)) + margin - allowance
-    worst = worst if stationarity <= worst else stationarity
-    return worst / sigma if sigma != 0.0 else worst
+    parts[0] = 0.0 if stationarity <= 0.0 else stationarity
+    worst = 0.0
+    for k in range(4):
+        if sigma != 0.0:
+            parts[k] /= sigma
+        worst = worst if parts[k] <= worst else parts[k]
+    return worst
 
 
 @entry_point(
@@ -103,13 +113,15 @@ def project_stacked(
 ) -> None:
     """B problems of one shape, each array with theirs one after the other: (B·n,), (B·m, n), (B·m,), (B·m,).
 
-    report_out (3·B,): B statuses, changes of the active set, worst residuals. tangent: takes no inequality.
+    report_out (6·B,): B statuses, changes of the active set, and each of the residuals, in the order of `KKTResiduals`.
+    tangent: takes no inequality.
     INFEASIBLE comes with a Farkas vector, and with a value that is yet to be found.
     """
     n = jacobian.shape[1]
     count = gradient.shape[0] // n
     m = jacobian.shape[0] // count if count > 0 else 0
     space, small, index = allocate(m, n)
+    parts = np.empty(4)
     for b in range(count):
         status, end, size, changes, worst = NUMERICAL_ERROR, LIMIT, 0, 0, inf
         scale = scale_problem(space, small, index, b, gradient, jacobian, bound, equality)
@@ -119,7 +131,7 @@ def project_stacked(
         if scale < UNUSABLE:
             end, size, changes = dual_active_set(space, small, index, attempt)
         if scale < UNUSABLE and end != CONFLICT:
-            worst = worst_residual(space, small, index, size, scale)
+            worst = measure(space, small, index, size, scale, parts)
             if worst < inf:
                 status = OPTIMAL if worst <= tolerance else (ITERATION_LIMIT if end == LIMIT else UNCERTIFIED)
         for i in range(m):
@@ -139,4 +151,5 @@ def project_stacked(
             multipliers_out[b * m + i] = small[SPARE, i] if given else 0.0
         report_out[b] = status
         report_out[count + b] = changes
-        report_out[2 * count + b] = worst
+        for k in range(4):
+            report_out[(2 + k) * count + b] = parts[k] if worst < inf else inf
