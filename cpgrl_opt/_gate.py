@@ -50,12 +50,13 @@ def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarr
     shape = jacobian.shape
     if gradient.shape != (*shape[:-2], shape[-1]) or bound.shape != shape[:-1] or shape[-1] == 0:
         return None
-    packed = np.concatenate((gradient, jacobian, bound), axis=None)
-    if not isfinite(np.vdot(packed, packed)):
+    packed = np.concatenate((gradient.ravel(), jacobian.ravel(), bound.ravel()))
+    if not isfinite(np.vdot(packed, packed)):  # which warns of no overflow, as `dot` does
         return None
     packed.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
     start, end = gradient.size, gradient.size + jacobian.size
-    return packed[:start].reshape(gradient.shape), packed[start:end].reshape(shape), packed[end:].reshape(bound.shape)
+    g, J, b = packed[:start], packed[start:end].reshape(shape), packed[end:]
+    return (g, J, b) if axes == 1 else (g.reshape(gradient.shape), J, b.reshape(bound.shape))
 
 
 @lru_cache(maxsize=32)

@@ -25,12 +25,13 @@ def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = Fals
     g, J, b, E = problem.gradient, problem.jacobian, problem.bound, problem.equality
     value, multipliers, report = np.empty(len(g)), np.empty(len(b)), np.empty(6)
     project_directly.run(tangent, g, J, b, E, tolerance, value, multipliers, report)
-    status, changes, *residuals = report.tolist()
+    status, changes, *parts = report.tolist()
     if status == OPEN:
         alone = ProblemBatch.trusted(g[None], J[None], b[None], E[None])
         [answer] = solve_thoroughly(alone, tolerance, tangent=tangent)
         return answer
-    return Direction.found(value, multipliers, _OPTIMAL, int(changes), KKTResiduals(*residuals), "rows")
+    residuals = tuple.__new__(KKTResiduals, parts)  # past the named tuple's own, a function in Python
+    return Direction.found(value, multipliers, _OPTIMAL, int(changes), residuals, "rows")
 
 
 def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
