@@ -78,8 +78,8 @@ class Direction:
     In a metric Md = g + Jᵀμ, in a ball κMd = g + Jᵀμ. value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y
     (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0; or bᵀy > radius ‖Jᵀy‖_M⁻¹ where the ball misses the constraints).
     iterations: as the method counts them; radius_multiplier κ ≥ 0: 0 where the ball is slack, or there is none;
-    residuals: those that an OPTIMAL was granted on, else None; rung: how g and J were looked at, "gramian", "pairs" (see
-    `reduction`) or "rows"; "" where the solver does not say.
+    residuals: those that an OPTIMAL was granted on, else None; rung: how g and J were looked at, "gramian", "pairs"
+    (see `reduction`) or "rows"; "" where the solver does not say.
     Source: §2.3 of the paper, where λ = −μ.
     """
 
