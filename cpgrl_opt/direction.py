@@ -109,6 +109,11 @@ class Direction:
         fields["residuals"], fields["rung"] = residuals, rung
         return direction
 
+    @classmethod
+    def nothing(cls, n: int, m: int, status: Status, iterations: int = 0) -> "Direction":
+        """Zeros that claim nothing."""
+        return cls(np.zeros(n), np.zeros(m), status, iterations)
+
     def raise_for_status(self) -> None:
         """DirectionError with the status' advice unless the direction is OPTIMAL."""
         if self.status != Status.OPTIMAL:

@@ -116,10 +116,10 @@ class FunctionSolver:
         """The function's direction, claimed to be OPTIMAL, or INFEASIBLE where it proves that itself."""
         require_finite(problem)
         if not self.supports(problem):
-            return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.UNSUPPORTED)
+            return Direction.nothing(problem.n, problem.m, Status.UNSUPPORTED)
         value = self._called(problem)
         if value is None:
-            return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR)
+            return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
         answer = claimed_direction(problem, value, tolerance_of(self))
         given = np.array(value)
         return replace(answer, value=given) if given.dtype == np.float32 else answer  # the kit asks which it is

@@ -38,7 +38,7 @@ def solve_transformed(solve: Solve, problem: DirectionProblem, tolerance: float)
     """The answer of `solve`, a Euclidean cone solver, to a problem with a metric, a radius or both."""
     whitened = _Whitened.of(problem)
     if not _is_finite(whitened.flat):
-        return _failed(problem)
+        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     if problem.radius is None:
         return _mapped_back(whitened, solve(whitened.flat), tolerance)
     return _solve_in_ball(solve, whitened, tolerance)
@@ -69,7 +69,7 @@ def judge_in_geometry(problem: DirectionProblem, found: Direction, tolerance: fl
     """The answer with the status that the referee leaves it; what it doubts itself may be OPTIMAL."""
     numbers = (found.value, found.multipliers, found.radius_multiplier)
     if not all(np.isfinite(each).all() for each in numbers):
-        return _failed(problem, found.iterations)
+        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR, found.iterations)
     claim = replace(found, status=Status.OPTIMAL) if found.status == Status.UNCERTIFIED else found
     return replace(found, status=certify(problem, claim, tolerance))
 
@@ -101,7 +101,7 @@ def _solve_in_ball(solve: Solve, whitened: "_Whitened", tolerance: float) -> Dir
     problem = whitened.problem
     units = _BallUnits.of(problem, whitened.flat)
     if units is None:
-        return _failed(problem)
+        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     found = units.from_ball(solve_in_unit_ball(solve, units.ball))
     impossible = (units.rows.largest == 0.0) & np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
     if impossible.any():
@@ -196,10 +196,6 @@ def _mapped_back(whitened: _Whitened, answer: Direction, tolerance: float) -> Di
     if found.status == Status.UNCERTIFIED and np.isfinite(found.value).all():
         return found
     return judge_in_geometry(whitened.given, found, tolerance)
-
-
-def _failed(problem: DirectionProblem, iterations: int = 0) -> Direction:
-    return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR, iterations)
 
 
 def _is_finite(problem: DirectionProblem) -> bool:

@@ -63,18 +63,13 @@ def solve_by(core: Core, problem: DirectionProblem, *, tolerance: float, polishe
     return _claim(problem, attempt, tolerance)
 
 
-def fail(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
-    """Zeros, for NUMERICAL_ERROR and UNSUPPORTED."""
-    return Direction(np.zeros(problem.n), np.zeros(problem.m), status, iterations)
-
-
 def _screen(scaled: ScaledProblem) -> Direction | None:
     """The answer where no core is needed: impossible zero rows, overflow, nothing asked, or g feasible."""
     problem, small = scaled.problem, scaled.small
     if not np.isfinite(scaled.scale):
-        return fail(problem, Status.NUMERICAL_ERROR)
+        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     if scaled.impossible.any():
-        return infeasible_direction(problem) or fail(problem, Status.NUMERICAL_ERROR)
+        return infeasible_direction(problem) or Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     lack = small.bound - small.rows @ small.center
     if (np.where(small.equality, lack == 0.0, lack <= 0.0)).all():
         residuals = KKTResiduals(0.0, 0.0, 0.0, 0.0)
@@ -169,6 +164,8 @@ def _claim(problem: DirectionProblem, attempt: _Attempt, tolerance: float) -> Di
     is_limit = answer.failure == Status.ITERATION_LIMIT
     gave_up = answer.failure in (Status.INFEASIBLE, Status.NUMERICAL_ERROR)  # its point is no attempt at the optimum
     if best is None or gave_up or not np.isfinite(attempt.worst):
-        return fail(problem, Status.ITERATION_LIMIT if is_limit else Status.NUMERICAL_ERROR, answer.iterations)
+        return Direction.nothing(
+            problem.n, problem.m, Status.ITERATION_LIMIT if is_limit else Status.NUMERICAL_ERROR, answer.iterations
+        )
     status = Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED
     return replace(best, status=status, iterations=answer.iterations, residuals=None)

@@ -54,7 +54,7 @@ def state_and_solve(problem: DirectionProblem, options: dict[str, Any]) -> Direc
     bound = rows.per_length(problem.bound)
     on = (bound > -np.inf) & ~((rows.largest == 0.0) & (bound == 0.0))
     if (on & (rows.largest == 0.0)).any():  # a zero row that asks for something
-        return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.INFEASIBLE)
+        return Direction.nothing(problem.n, problem.m, Status.INFEASIBLE)
     demand = np.where(problem.equality, np.abs(bound), bound).max(initial=0.0, where=on)
     unit = problem.radius or max(strength, float(demand)) or 1.0
     gradient = g / ((strength if problem.radius else unit) or 1.0)

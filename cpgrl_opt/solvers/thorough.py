@@ -155,7 +155,7 @@ def _violate_least(problem: DirectionProblem, proven: Direction) -> Direction:
         included |= new
     value = np.ldexp(d, exponent)
     if not (np.isfinite(value).all() and np.isfinite(proven.multipliers).all()):
-        return Direction(np.zeros(problem.n), np.zeros(len(on)), Status.NUMERICAL_ERROR, proven.iterations)
+        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR, proven.iterations)
     return replace(proven, value=value)
 
 
