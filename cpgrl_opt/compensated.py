@@ -7,7 +7,7 @@ so Σ aᵢbᵢ is found to eps |Σ aᵢbᵢ| + n·eps² Σ|aᵢbᵢ|, whatever c
 Source: Ogita, Rump & Oishi 2005, Accurate sum and dot product, Algorithms 3.1, 3.3 and 5.3.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,13 +67,23 @@ class Pair(NamedTuple):
         return np.asarray(self.hi + self.lo)
 
 
-def two_sum(
-    a: Float[np.ndarray, "*k"], b: Float[np.ndarray, "*k"]
-) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
-    """(s, e) with a + b = s + e exactly."""
+def two_sum(a: Any, b: Any) -> Any:
+    """(s, e) with a + b = s + e exactly; numbers or arrays, as in `split` and `product_error`."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
+
+
+def split(a: Any) -> Any:
+    """(high, low), halves of 26 bits with a = high + low."""
+    scaled = _HALVES * a
+    high = scaled - (scaled - a)
+    return high, a - high
+
+
+def product_error(product: Any, a_high: Any, a_low: Any, b_high: Any, b_low: Any) -> Any:
+    """ab − product exactly, product = fl(ab)."""
+    return a_low * b_low - (((product - a_high * b_high) - a_low * b_high) - a_high * b_low)
 
 
 def two_product(
@@ -81,19 +91,12 @@ def two_product(
 ) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
     """(p, e) with ab = p + e exactly."""
     product = a * b
-    first, second = _high_half(a), _high_half(b)
-    a_rest, b_rest = a - first, b - second
-    return product, a_rest * b_rest - (((product - first * second) - a_rest * second) - first * b_rest)
+    return product, product_error(product, *split(a), *split(b))
 
 
 def products(rows: Float[np.ndarray, "k n"], vector: Float[np.ndarray, "n"]) -> Pair:
     """Each row times the vector, (k,); summed in pairs."""
     return Pair(*two_product(rows, vector)).sums()
-
-
-def _high_half(a: float | Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
-    scaled = _HALVES * np.asarray(a)
-    return np.asarray(scaled - (scaled - a))
 
 
 def _normalised(hi: Float[np.ndarray, "*k"], lo: Float[np.ndarray, "*k"]) -> Pair:

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .machine_code import compiled
-from .solvers.compiled._cache import forget_outdated_kernels
+from .machine_code import compiled, forget_outdated_kernels
 from .solvers.compiled._direct import OPTIMAL, project_directly
 from .step_kernels import admit, fill_problems, mark_vanishing
 

@@ -1,6 +1,10 @@
 """Machine code of functions, cached on disk where there is a folder for it. Calling it imports numba."""
 
 import warnings
+from collections.abc import Iterable
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -29,3 +33,33 @@ def compiled(signature: str, function: FunctionType, **options: bool) -> Any:
         )
         machine_code = njit(signature, **settings)(function)
     return np.errstate(all="ignore")(machine_code) if machine_code is function else machine_code
+
+
+class CompiledLate:
+    """A function that is compiled for the signature, or loaded from the cache, when it is first called."""
+
+    def __init__(self, signature: str, function: FunctionType) -> None:
+        self.signature, self.function = signature, function
+
+    @cached_property
+    def machine_code(self) -> Any:
+        """The compiled function itself."""
+        return compiled(self.signature, self.function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """As the function."""
+        return self.machine_code(*arguments)
+
+
+def forget_outdated_kernels(folder: Path, pattern: str = "*", sources: Iterable[Path] = ()) -> None:
+    """Deletes cached kernels of the folder older than any of the sources, or of those in the folder.
+
+    pattern: of the kernels' file names. numba compares a cached entry point with its own file only, though the machine
+    code holds the helpers of the other files too; without this, a change in a helper would not take effect where a
+    cache is left. A read-only installation keeps its cache, whose sources do not change either.
+    """
+    newest = max(source.stat().st_mtime_ns for source in (list(sources) or folder.glob("*.py")))
+    for cached in (folder / "__pycache__").glob(f"{pattern}.nbi"):
+        with suppress(OSError):  # not ours to delete, or another process that starts now was faster
+            if cached.stat().st_mtime_ns < newest:
+                cached.unlink()

@@ -1,30 +1,40 @@
-"""Compiled passes over g and the rows of J, block by block; only arrays of other strides are copied, a part at a time.
+"""Compiled passes over g and the rows of J, block by block, wherever and however they lie.
 
     gramian              K = V Vᵀ,  V = [g; J]
     gramian_in_pairs     the same with 106 bits: K = hi + lo
-    combine              d = Vᵀw;  r = d − g − Jᵀμ;  r·r, J d, d·d
-    combine, in pairs    d = Vᵀ(w + w′) summed with 106 bits and rounded once; the same measures
-    combine_columns      as combine, where J lies column by column
+    combine              d = Vᵀ(w + w′), in pairs summed with 106 bits and rounded once; r = d − g − Jᵀμ; r·r, J d, d·d
     measure              the measures of a d that is there already
 
-Row 0 is g, row i is Jᵢ. Results are added to what the arrays hold, so that long vectors may come in chunks. Sums of a
-block may be reordered by the compiler, always in the same way, so that an answer repeats; sums in pairs may not.
-Source of the pairs: Dekker 1971; Ogita, Rump & Oishi 2005, Algorithms 3.1, 3.3, 5.3. Importing this imports numba.
+Row 0 is g, row i is Jᵢ; `where` holds the address of each and how many bytes lie from one of its numbers to the next.
+Numbers side by side are read where they are, others are gathered a block at a time. Sums of a block may be reordered by
+the compiler, always in the same way, so that an answer repeats; sums in pairs may not.
+Source of the pairs: Dekker 1971; Ogita, Rump & Oishi 2005, Algorithms 3.1, 3.3, 5.3. Importing this imports numba; each
+pass is compiled, or loaded from the cache, when it is first called.
 """
 
+import ctypes
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import carray, njit, types
+from numba.extending import intrinsic, overload
 
-from ..machine_code import compiled
+from ..compensated import product_error, split, two_sum
+from ..machine_code import CompiledLate, forget_outdated_kernels
+
+_FILE = Path(__file__)
+forget_outdated_kernels(_FILE.parent, sources=[_FILE, _FILE.parents[1] / "compensated.py"])
 
 _BLOCK = 1024  # six rows of it fit the first-level cache twice
 _MOST_SUMS = 2_000_000  # in pairs, 32 MB: many rows get fewer lanes
 _LANES = 256  # sums in pairs run side by side in so many lanes, so that the processor's vectors are full
-_HALVES = 134217729.0  # 2²⁷ + 1 splits 53 bits in two halves
-_VECTOR, _ROWS = "Array(f8, 1, 'C', readonly=True)", "Array(f8, 2, 'C', readonly=True)"
+# Rows that are gathered begin an odd number of cache lines apart: with a power of two all compete for the same lines of
+# the first-level cache, and 31 rows take four times as long.
+_APART = _BLOCK + 8
+_BYTES = 8  # of a number
+_WHERE, _VECTOR = "Array(i8, 2, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
 
 
 def _reordered(function: Any) -> Any:
@@ -37,21 +47,56 @@ def _plain(function: Any) -> Any:
     return njit(error_model="numpy")(function)
 
 
+_split, _product_error, _two_sum = map(njit(error_model="numpy", forceinline=True), (split, product_error, two_sum))
+
+
 def _entry(*signature: str) -> Any:
-    return partial(compiled, f"void({', '.join(signature)})")
+    return partial(CompiledLate, f"void({', '.join(signature)})")
+
+
+def _numbers_at(address: int, count: int) -> Any:
+    """The numbers that lie side by side from an address on."""
+    return np.ctypeslib.as_array((ctypes.c_double * int(count)).from_address(int(address)))
+
+
+@intrinsic
+def _pointer(_context: Any, _address: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(types.float64)(types.int64), generate
+
+
+@overload(_numbers_at)
+def _compiled_numbers_at(address: Any, count: Any) -> Any:  # noqa: ARG001 - numba goes by the names
+    def numbers(address: Any, count: Any) -> Any:
+        return carray(_pointer(address), count)
+
+    return numbers
 
 
 @_plain
-def _row(gradient: Any, jacobian: Any, i: int, start: int, end: int) -> Any:
-    return gradient[start:end] if i == 0 else jacobian[i - 1, start:end]
+def _gather(where: Any, start: int, width: int, buffer: Any) -> None:
+    """Rows of the buffer ← the block of those whose numbers lie apart; columns of J side by side are read as such."""
+    m, in_columns = where.shape[0] - 1, where.shape[0] > 2 and where[-1, 1] != _BYTES
+    for i in range(2, m + 1):
+        in_columns = in_columns and where[i, 0] - where[i - 1, 0] == _BYTES and where[i, 1] == where[1, 1]
+    if in_columns:
+        for t in range(width):
+            column = _numbers_at(where[1, 0] + (start + t) * where[1, 1], m)
+            for i in range(m):
+                buffer[1 + i, t] = column[i]
+    for i in range(1 if in_columns else m + 1):
+        address, step = where[i, 0] + start * where[i, 1], where[i, 1]
+        if step != _BYTES:
+            for t in range(width):
+                buffer[i, t] = _numbers_at(address + t * step, 1)[0]
 
 
-@_reordered
-def _inner(a: Any, b: Any) -> float:
-    total = 0.0
-    for t in range(a.shape[0]):
-        total += a[t] * b[t]
-    return total
+@_plain
+def _row(where: Any, i: int, start: int, width: int, buffer: Any) -> Any:
+    """A block of row i, where it lies or as it was gathered."""
+    return _numbers_at(where[i, 0] + start * _BYTES, width) if where[i, 1] == _BYTES else buffer[i, :width]
 
 
 @_reordered
@@ -128,60 +173,71 @@ def _chosen(weights: Any, forces: Any) -> Any:
 
 
 @_plain
-def _combine_block(d: Any, forced: Any, chosen: Any, gradient: Any, jacobian: Any, start: int) -> None:
+def _combine_block(d: Any, forced: Any, chosen: tuple[Any, ...], where: Any, start: int, buffer: Any) -> None:
     """d += Σ weightsᵢ rowᵢ, forced += Σ forcesᵢ rowᵢ."""
     rows, pairs, count = chosen
-    end = start + d.shape[0]
+    width = d.shape[0]
     for i in range(0, count, 3):
-        x = _row(gradient, jacobian, rows[i], start, end)
-        y = _row(gradient, jacobian, rows[i + 1], start, end)
-        z = _row(gradient, jacobian, rows[i + 2], start, end)
+        x = _row(where, rows[i], start, width, buffer)
+        y = _row(where, rows[i + 1], start, width, buffer)
+        z = _row(where, rows[i + 2], start, width, buffer)
         a, b, c = pairs[i], pairs[i + 1], pairs[i + 2]
         _add_three(d, forced, (a[0], a[1]), (b[0], b[1]), (c[0], c[1]), x, y, z)
 
 
 @_plain
-def _measure_block(d: Any, forced: Any, jacobian: Any, start: int, sums: Any) -> None:
+def _measure_block(d: Any, forced: Any, where: Any, start: int, buffer: Any, sums: Any) -> None:
     """sums += [r·r, J d …, d·d] of a block, r = d − forced."""
-    m, end = jacobian.shape[0], start + d.shape[0]
-    for i in range(0, m, 3):
-        x, y = jacobian[i, start:end], jacobian[min(i + 1, m - 1), start:end]
-        products = _three_inner(d, x, y, jacobian[min(i + 2, m - 1), start:end])
-        for k in range(min(3, m - i)):
-            sums[1 + i + k] += products[k]
+    m, width = where.shape[0] - 1, d.shape[0]
+    for i in range(1, m + 1, 3):
+        x = _row(where, i, start, width, buffer)
+        y = _row(where, min(i + 1, m), start, width, buffer)
+        products = _three_inner(d, x, y, _row(where, min(i + 2, m), start, width, buffer))
+        for k in range(min(3, m + 1 - i)):
+            sums[i + k] += products[k]
     rest, length = _rest_and_length(d, forced)
     sums[0] += rest
     sums[1 + m] += length
 
 
-@_entry(_VECTOR, _ROWS, "f8[:, ::1]")
-def gramian(gradient: Any, jacobian: Any, out: Any) -> None:
-    """The lower triangle."""
-    count, n = 1 + jacobian.shape[0], gradient.shape[0]
+@_entry(_WHERE, "i8", "f8[:, ::1]")
+def gramian(where: Any, n: int, out: Any) -> None:
+    """K."""
+    count = where.shape[0]
+    buffer = np.empty((count, _APART))
+    out[:] = 0.0
     for start in range(0, n, _BLOCK):
-        end = min(start + _BLOCK, n)
+        width = min(_BLOCK, n - start)
+        _gather(where, start, width, buffer)
         for i in range(0, count, 3):
-            a = _row(gradient, jacobian, i, start, end)
-            b = _row(gradient, jacobian, min(i + 1, count - 1), start, end)
-            c = _row(gradient, jacobian, min(i + 2, count - 1), start, end)
+            a = _row(where, i, start, width, buffer)
+            b = _row(where, min(i + 1, count - 1), start, width, buffer)
+            c = _row(where, min(i + 2, count - 1), start, width, buffer)
             for j in range(0, i + 1, 3):
                 if j == i:
                     sums = _six_inner(a, b, c)
                 else:
-                    x = _row(gradient, jacobian, j, start, end)
-                    y = _row(gradient, jacobian, j + 1, start, end)
-                    sums = _nine_inner(a, b, c, x, y, _row(gradient, jacobian, j + 2, start, end))
+                    x = _row(where, j, start, width, buffer)
+                    y = _row(where, j + 1, start, width, buffer)
+                    sums = _nine_inner(a, b, c, x, y, _row(where, j + 2, start, width, buffer))
                 for k in range(min(3, count - i)):
                     for q in range(min(3, i + k - j + 1)):
                         out[i + k, j + q] += sums[k][q]
+    _mirror(out)
 
 
 @_plain
-def _split(x: Any, high: Any, low: Any) -> None:
+def _mirror(lower: Any) -> None:
+    """The upper triangle ← the lower."""
+    for i in range(lower.shape[0]):
+        for j in range(i):
+            lower[j, i] = lower[i, j]
+
+
+@_plain
+def _split_row(x: Any, high: Any, low: Any) -> None:
     for t in range(x.shape[0]):
-        scaled = _HALVES * x[t]
-        high[t] = scaled - (scaled - x[t])
-        low[t] = x[t] - high[t]
+        high[t], low[t] = _split(x[t])
 
 
 @_plain
@@ -189,158 +245,94 @@ def _add_products(x: Any, x_high: Any, x_low: Any, y: Any, y_high: Any, y_low: A
     """total + rest += x·y, each lane by itself and without rounding, but for what 106 bits do not hold."""
     for t in range(x.shape[0]):
         product = x[t] * y[t]
-        error = x_low[t] * y_low[t] - (
-            ((product - x_high[t] * y_high[t]) - x_low[t] * y_high[t]) - x_high[t] * y_low[t]
-        )
-        old = total[t]
-        new = old + product
-        part = new - old
-        rest[t] += error + ((old - (new - part)) + (product - part))
-        total[t] = new
+        error = _product_error(product, x_high[t], x_low[t], y_high[t], y_low[t])
+        total[t], lost = _two_sum(total[t], product)
+        rest[t] += error + lost
 
 
 @_plain
 def _sum_pairs(total: Any, rest: Any) -> tuple[float, float]:
     high, low = 0.0, 0.0
     for t in range(total.shape[0]):
-        new = high + total[t]
-        part = new - high
-        low += rest[t] + ((high - (new - part)) + (total[t] - part))
-        high = new
+        high, lost = _two_sum(high, total[t])
+        low += rest[t] + lost
     return high + low, low - ((high + low) - high)
 
 
-@_entry(_VECTOR, _ROWS, "f8[:, ::1]", "f8[:, ::1]")
-def gramian_in_pairs(gradient: Any, jacobian: Any, out: Any, out_low: Any) -> None:
-    """The lower triangle as hi + lo, each number of 106 bits; few rows get many lanes, many rows few."""
-    count, n = 1 + jacobian.shape[0], gradient.shape[0]
+@_entry(_WHERE, "i8", "f8[:, ::1]", "f8[:, ::1]")
+def gramian_in_pairs(where: Any, n: int, out: Any, out_low: Any) -> None:
+    """K as hi + lo, each number of 106 bits; few rows get many lanes, many rows few."""
+    count = where.shape[0]
     lanes = max(8, min(_LANES, _MOST_SUMS // (count * count) // 8 * 8))
-    high, low = np.empty((count, lanes)), np.empty((count, lanes))
+    buffer, high, low = np.empty((count, lanes + 8)), np.empty((count, lanes)), np.empty((count, lanes))
     totals, rests = np.zeros((count, count, lanes)), np.zeros((count, count, lanes))
     for start in range(0, n, lanes):
-        end = min(start + lanes, n)
-        width = end - start
+        width = min(lanes, n - start)
+        _gather(where, start, width, buffer)
         for i in range(count):
-            x = _row(gradient, jacobian, i, start, end)
-            _split(x, high[i, :width], low[i, :width])
+            x, x_high, x_low = _row(where, i, start, width, buffer), high[i, :width], low[i, :width]
+            _split_row(x, x_high, x_low)
             for j in range(i + 1):
-                _add_products(
-                    x,
-                    high[i, :width],
-                    low[i, :width],
-                    _row(gradient, jacobian, j, start, end),
-                    high[j, :width],
-                    low[j, :width],
-                    totals[i, j, :width],
-                    rests[i, j, :width],
-                )
+                y, y_high, y_low = _row(where, j, start, width, buffer), high[j, :width], low[j, :width]
+                _add_products(x, x_high, x_low, y, y_high, y_low, totals[i, j, :width], rests[i, j, :width])
     for i in range(count):
         for j in range(i + 1):
             out[i, j], out_low[i, j] = _sum_pairs(totals[i, j], rests[i, j])
+    _mirror(out)
+    _mirror(out_low)
 
 
 @_plain
-def _add_multiple(weight: float, more: float, x: Any, high: Any, low: Any, total: Any, rest: Any) -> None:
+def _add_multiple(weight: float, more: float, x: Any, total: Any, rest: Any) -> None:
     """total + rest += (weight + more) x."""
-    scaled = _HALVES * weight
-    first = scaled - (scaled - weight)
-    second = weight - first
+    high, low = _split(weight)
     for t in range(x.shape[0]):
+        x_high, x_low = _split(x[t])
         product = weight * x[t]
-        error = low[t] * second - (((product - high[t] * first) - low[t] * first) - high[t] * second)
-        old = total[t]
-        new = old + product
-        part = new - old
-        rest[t] += (error + more * x[t]) + ((old - (new - part)) + (product - part))
-        total[t] = new
+        error = _product_error(product, x_high, x_low, high, low)
+        total[t], lost = _two_sum(total[t], product)
+        rest[t] += (error + more * x[t]) + lost
 
 
 @_plain
-def _combine_block_in_pairs(
-    weights: Any, more: Any, gradient: Any, jacobian: Any, start: int, halves: Any, total: Any, rest: Any
-) -> None:
-    width = total.shape[0]
+def _combine_block_in_pairs(d: Any, rest: Any, weights: Any, more: Any, where: Any, start: int, buffer: Any) -> None:
+    """d ← Σ (weightsᵢ + moreᵢ) rowᵢ, rounded once."""
+    rest[:] = 0.0
     for i in range(weights.shape[0]):
         if weights[i] != 0.0 or more[i] != 0.0:
-            x = _row(gradient, jacobian, i, start, start + width)
-            _split(x, halves[0, :width], halves[1, :width])
-            _add_multiple(weights[i], more[i], x, halves[0, :width], halves[1, :width], total, rest)
+            _add_multiple(weights[i], more[i], _row(where, i, start, d.shape[0], buffer), d, rest)
+    for t in range(d.shape[0]):
+        d[t] += rest[t]
 
 
-@_entry(_VECTOR, _ROWS, _VECTOR, _VECTOR, _VECTOR, "b1", "f8[::1]", "f8[::1]")
-def combine(
-    gradient: Any, jacobian: Any, weights: Any, more: Any, forces: Any, pairs: bool, out: Any, sums: Any
-) -> None:
-    """out ← Vᵀ(weights + more), the latter only where pairs; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
-    forced, left, halves = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((2, _BLOCK))
+@_entry(_WHERE, "i8", _VECTOR, _VECTOR, _VECTOR, "b1", "f8[::1]", "f8[::1]")
+def combine(where: Any, n: int, weights: Any, more: Any, forces: Any, pairs: bool, out: Any, sums: Any) -> None:
+    """out ← Vᵀ(weights + more), the latter only where pairs; sums ← [r·r, J d …, d·d], r = d − Vᵀforces."""
+    forced, rest, buffer = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((where.shape[0], _APART))
     chosen = _chosen(np.zeros_like(weights) if pairs else weights, forces)
-    for start in range(0, gradient.shape[0], _BLOCK):
-        d = out[start : min(start + _BLOCK, gradient.shape[0])]
+    sums[:] = 0.0
+    for start in range(0, n, _BLOCK):
+        d = out[start : min(start + _BLOCK, n)]
         width = d.shape[0]
+        _gather(where, start, width, buffer)
         d[:] = 0.0
         forced[:width] = 0.0
         if pairs:
-            left[:width] = 0.0
-            _combine_block_in_pairs(weights, more, gradient, jacobian, start, halves, d, left[:width])
-            for t in range(width):
-                d[t] += left[t]
-        _combine_block(d, forced[:width], chosen, gradient, jacobian, start)
-        _measure_block(d, forced[:width], jacobian, start, sums)
+            _combine_block_in_pairs(d, rest[:width], weights, more, where, start, buffer)
+        _combine_block(d, forced[:width], chosen, where, start, buffer)
+        _measure_block(d, forced[:width], where, start, buffer, sums)
 
 
-@_entry(_VECTOR, _ROWS, _VECTOR, _VECTOR, "f8[::1]")
-def measure(gradient: Any, jacobian: Any, direction: Any, forces: Any, sums: Any) -> None:
-    """sums += [r·r, J d …, d·d]."""
-    forced, chosen = np.empty(_BLOCK), _chosen(forces, forces)
-    unused = np.empty(_BLOCK)
-    for start in range(0, gradient.shape[0], _BLOCK):
-        d = direction[start : min(start + _BLOCK, gradient.shape[0])]
+@_entry(_WHERE, "i8", _VECTOR, _VECTOR, "f8[::1]")
+def measure(where: Any, n: int, direction: Any, forces: Any, sums: Any) -> None:
+    """sums ← [r·r, J d …, d·d]."""
+    forced, unused, buffer = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((where.shape[0], _APART))
+    chosen = _chosen(forces, forces)
+    sums[:] = 0.0
+    for start in range(0, n, _BLOCK):
+        d = direction[start : min(start + _BLOCK, n)]
         width = d.shape[0]
+        _gather(where, start, width, buffer)
         forced[:width], unused[:width] = 0.0, 0.0
-        _combine_block(unused[:width], forced[:width], chosen, gradient, jacobian, start)
-        _measure_block(d, forced[:width], jacobian, start, sums)
-
-
-@_reordered
-def _combine_columns_block(
-    gradient: Any, columns: Any, weights: Any, forces: Any, start: int, out: Any, sums: Any
-) -> None:
-    m, rest, length = columns.shape[1], 0.0, 0.0
-    products, more, pulls = np.zeros(m), weights[1:], forces[1:]
-    for t in range(out.shape[0]):
-        column = columns[start + t]
-        d, forced = weights[0] * gradient[start + t], forces[0] * gradient[start + t]
-        for i in range(m):
-            d += more[i] * column[i]
-            forced += pulls[i] * column[i]
-        for i in range(m):
-            products[i] += d * column[i]
-        out[t] = d
-        rest += (d - forced) * (d - forced)
-        length += d * d
-    sums[0] += rest
-    sums[1 + m] += length
-    for i in range(m):
-        sums[1 + i] += products[i]
-
-
-@_entry(_VECTOR, _ROWS, _VECTOR, _VECTOR, "f8[::1]", "f8[::1]")
-def combine_columns(gradient: Any, columns: Any, weights: Any, forces: Any, out: Any, sums: Any) -> None:
-    """`combine` without pairs, of Jᵀ (n, m): to gather its rows first takes as long again."""
-    for start in range(0, gradient.shape[0], _BLOCK):
-        d = out[start : min(start + _BLOCK, gradient.shape[0])]
-        _combine_columns_block(gradient, columns, weights, forces, start, d, sums)
-
-
-@_entry("Array(f8, 2, 'A', readonly=True)", "f8[:, ::1]")
-def pack(rows: Any, out: Any) -> None:
-    """Copies rows of any strides; down the columns where these are contiguous."""
-    m, n = rows.shape
-    if rows.strides[0] * rows.strides[0] < rows.strides[1] * rows.strides[1]:
-        for t in range(n):
-            for i in range(m):
-                out[i, t] = rows[i, t]
-    else:
-        for i in range(m):
-            for t in range(n):
-                out[i, t] = rows[i, t]
+        _combine_block(unused[:width], forced[:width], chosen, where, start, buffer)
+        _measure_block(d, forced[:width], where, start, buffer, sums)

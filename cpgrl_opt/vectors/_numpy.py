@@ -1,6 +1,5 @@
 """NumPy arrays of float64: one of g and one of the rows of J, in any order of storage."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -11,11 +10,6 @@ from ..arrays import Float, Jacobian, Multipliers, Vector
 from ..compensated import Pair
 from ..validation import is_finite
 from .interface import Certificate
-
-# Numbers copied at a time where rows are not contiguous or lie apart: 1.6 MB, which the passes find again in a cache;
-# with a quarter of it Python's loop over rows apart counts. Rows of the copy begin an odd number of cache lines apart:
-# with a power of two all compete for the same few lines of the first-level cache, and 31 rows take four times as long.
-_CHUNK, _LINE, _FEWEST = 200_000, 8, 17
 
 # Below this the rows themselves are solved on faster than Python's part of a reduction takes, 0.2 ms. The two meet at
 # n = 20 000 with one constraint and with five, at 3000 with fifteen, at 1000 with fifty.
@@ -64,18 +58,14 @@ class ArrayVectors:
     @cached_property
     def _gramian(self) -> np.ndarray:
         K = self._square()
-        for gradient, jacobian, _ in self._chunks():
-            _blocks().gramian(gradient, jacobian, K)
-        return _mirrored(K)
+        _blocks().gramian(self._where(), len(self.gradient), K)
+        return K
 
     def gramian_in_pairs(self) -> Pair:
         """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
-        total = Pair(self._square(), self._square())
-        for gradient, jacobian, _ in self._chunks():
-            part = Pair(self._square(), self._square())
-            _blocks().gramian_in_pairs(gradient, jacobian, part.hi, part.lo)
-            total = total.plus(part)
-        return Pair(_mirrored(total.hi), _mirrored(total.lo))
+        K = Pair(self._square(), self._square())
+        _blocks().gramian_in_pairs(self._where(), len(self.gradient), K.hi, K.lo)
+        return K
 
     def is_zero(self, index: int) -> bool:
         """In one pass over that vector."""
@@ -91,57 +81,40 @@ class ArrayVectors:
         return self._combine(weights, np.zeros(len(weights)), weights, in_pairs=False)
 
     def _combine(self, weights: Any, more: Any, forces: Any, in_pairs: bool) -> tuple[Any, Any]:
-        d, sums = np.empty(self.gradient.shape), np.zeros(1 + len(forces))
-        if not in_pairs and (columns_of_J := self._columns()) is not None:
-            _blocks().combine_columns(self.gradient, columns_of_J, weights, forces, d, sums)
-            return d, sums
-        for gradient, jacobian, columns in self._chunks():
-            _blocks().combine(gradient, jacobian, weights, more, forces, in_pairs, d[columns], sums)
+        d, sums = np.empty(self.gradient.shape), np.empty(1 + len(forces))
+        _blocks().combine(self._where(), len(d), weights, more, forces, in_pairs, d, sums)
         return d, sums
 
     def certificate(self, direction: Vector, multipliers: Multipliers) -> Certificate:
         """In one pass."""
-        sums, forces = np.zeros(2 + len(multipliers)), np.append(1.0, multipliers)
-        for gradient, jacobian, columns in self._chunks():
-            _blocks().measure(gradient, jacobian, np.ascontiguousarray(direction[columns]), forces, sums)
+        d, forces, sums = np.ascontiguousarray(direction), np.append(1.0, multipliers), np.empty(2 + len(multipliers))
+        _blocks().measure(self._where(), len(self.gradient), d, forces, sums)
         return _certificate(sums)
 
     def _square(self) -> np.ndarray:
-        return np.zeros((1 + len(self.jacobian), 1 + len(self.jacobian)))
+        return np.empty((1 + len(self.jacobian), 1 + len(self.jacobian)))
 
-    def _columns(self) -> Float[np.ndarray, "n m"] | None:
-        """Jᵀ where J lies column by column."""
-        g, J = self.gradient, self.jacobian
-        if isinstance(J, tuple) or J.flags.c_contiguous or not (J.T.flags.c_contiguous and g.flags.c_contiguous):
-            return None
-        return J.T
+    def _where(self) -> np.ndarray:
+        """Address of each vector, and bytes from one of its numbers to the next. Not kept: copies lie elsewhere."""
+        g, J, where = self.gradient, self.jacobian, np.empty((1 + len(self.jacobian), 2), np.int64)
+        for array in (g, *J) if isinstance(J, tuple) else (g, J):  # what lies at an address nobody checks again
+            if array.dtype != np.float64 or array.shape[-1] != len(g):
+                raise ValueError(f"vectors should be of {len(g)} float64; found {array.dtype}, shape {array.shape}")
+        where[0] = _address(g), g.strides[0]
+        if isinstance(J, tuple):
+            for i, row in enumerate(J, 1):
+                where[i] = _address(row), row.strides[0]
+        else:
+            where[1:, 0] = _address(J) + J.strides[0] * np.arange(len(J))
+            where[1:, 1] = J.strides[1]
+        return where
 
-    def _chunks(self) -> Iterator[tuple[Vector, Jacobian, slice]]:
-        """(g, J) as the compiled passes take them: as they are if they can be, else copies of some columns."""
-        g, J, n = self.gradient, self.jacobian, len(self.gradient)
-        if not isinstance(J, tuple) and g.flags.c_contiguous and J.flags.c_contiguous:
-            yield g, J, slice(0, n)
-            return
-        lines = max(_CHUNK // (1 + len(J)) // _LINE, _FEWEST)  # of a row at a time
-        size = (lines - 1 + lines % 2) * _LINE
-        buffer = np.empty((len(J), min(size, n)))
-        for start in range(0, n, size):
-            columns, part = slice(start, start + size), buffer if start + size <= n else np.empty((len(J), n - start))
-            if isinstance(J, tuple):
-                for to, row in zip(part, J, strict=True):
-                    to[:] = row[columns]
-            else:
-                _blocks().pack(J[:, columns], part)
-            yield np.ascontiguousarray(g[columns]), part, columns
+
+def _address(array: np.ndarray) -> int:
+    address: int = array.__array_interface__["data"][0]
+    return address
 
 
 def _certificate(sums: np.ndarray) -> Certificate:
     rest, length = np.sqrt(sums[[0, -1]]).tolist()
     return Certificate(rest, sums[1:-1], length)
-
-
-def _mirrored(lower: np.ndarray) -> np.ndarray:
-    """A symmetric matrix of its lower triangle, 0 above."""
-    full: np.ndarray = lower + lower.T
-    np.fill_diagonal(full, lower.diagonal())
-    return full

@@ -1,6 +1,7 @@
 """The compiled passes over long vectors: of small integers every sum is exact, in any order and any storage."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ STORAGES: dict[str, Callable[[np.ndarray], np.ndarray | tuple[np.ndarray, ...]]]
     "backwards": lambda J: np.ascontiguousarray(J[::-1, ::-1])[::-1, ::-1],
     "rows apart": lambda J: tuple(row.copy() for row in J),
     "rows apart, backwards": lambda J: tuple(row[::-1].copy()[::-1] for row in J),
+    "between other numbers": lambda J: np.rec.fromarrays([J, J.astype(np.float32)], names="wanted,other")["wanted"],
     "columns backwards": lambda J: np.asfortranarray(J[:, ::-1])[:, ::-1],
 }
 # Parts of threes of rows, of a block of columns, and of what is copied at a time.
@@ -65,6 +67,20 @@ def test_what_no_weight_asks_for_is_left_out_of_d() -> None:
     d, certificate = ArrayVectors(V[0], V[1:]).combine(Pair(np.array([1.0, 2.0, 0.0]), np.zeros(3)), np.array([2.0, 0]))
     np.testing.assert_array_equal(d, np.full(2000, 3.0))
     assert certificate.rest == 0.0
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int64, ">f8"])
+def test_only_vectors_of_float64_and_of_one_length_are_looked_at(dtype: Any) -> None:
+    g, J = np.ones(9), np.ones((2, 9))
+    for vectors in (
+        ArrayVectors(g.astype(dtype), J),
+        ArrayVectors(g, J.astype(dtype)),
+        ArrayVectors(g, (J[0], J[1].astype(dtype))),
+        ArrayVectors(g[:8], J),
+        ArrayVectors(g, (J[0], J[1, :8])),
+    ):
+        with pytest.raises(ValueError, match="vectors should be of"):
+            vectors.gramian()
 
 
 @pytest.mark.parametrize(

@@ -128,19 +128,19 @@ def test_the_kernel_judges_its_answers_as_the_referee_does() -> None:
 
 
 def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path) -> None:
-    from cpgrl_opt.solvers.compiled import _cache
+    from cpgrl_opt import machine_code
 
     (tmp_path / "__pycache__").mkdir()
     for name in ("entry.py", "helper.py"):
-        shutil.copy(_cache.__file__, tmp_path / name)
+        shutil.copy(machine_code.__file__, tmp_path / name)
         os.utime(tmp_path / name, (100, 100))
     index = tmp_path / "__pycache__" / "entry.kernel-1.py311.nbi"
     index.touch()
     os.utime(index, (200, 200))
-    _cache.forget_outdated_kernels(tmp_path)
+    machine_code.forget_outdated_kernels(tmp_path)
     assert index.exists()
     os.utime(tmp_path / "helper.py", (300, 300))
-    _cache.forget_outdated_kernels(tmp_path)
+    machine_code.forget_outdated_kernels(tmp_path)
     assert not index.exists()
 
 

@@ -15,6 +15,8 @@ bits; compiled kernels are cached on disk. How a problem is solved, by file:
 
 from pathlib import Path
 
-from ._cache import forget_outdated_kernels
+from ...machine_code import forget_outdated_kernels
 
-forget_outdated_kernels(Path(__file__).parent)  # before any of them is loaded
+_FOLDER = Path(__file__).parent
+# Before any of them is loaded.
+forget_outdated_kernels(_FOLDER, sources=[*_FOLDER.glob("*.py"), _FOLDER.parents[1] / "compensated.py"])

@@ -2,10 +2,12 @@
 
 from typing import Any
 
+from ...compensated import product_error, split, two_sum
 from ._entry_point import inlined, kernel
 from ._workspace import Floats
 
-_SPLIT = 2.0**27 + 1.0
+for each in (split, product_error, two_sum):
+    inlined(each)
 
 
 @inlined
@@ -40,14 +42,9 @@ def add(matrix: Floats, a: int, c: float, b: int) -> None:
 @kernel
 def add_product(high: float, low: float, a: float, b: float) -> tuple[float, float]:
     """high + low + a·b as an unevaluated sum. Source: Dekker 1971; Ogita, Rump & Oishi 2005, Dot2."""
+    a_high, a_low = split(a)
+    b_high, b_low = split(b)
     product = a * b
-    t = _SPLIT * a
-    a_high = t - (t - a)
-    a_low = a - a_high
-    t = _SPLIT * b
-    b_high = t - (t - b)
-    b_low = b - b_high
-    error = a_low * b_low - (((product - a_high * b_high) - a_low * b_high) - a_high * b_low)
-    total = high + product
-    part = total - high
-    return total, low + (error + ((high - (total - part)) + (product - part)))
+    error = product_error(product, a_high, a_low, b_high, b_low)
+    total, lost = two_sum(high, product)
+    return total, low + (error + lost)
