@@ -7,7 +7,21 @@ with the direct pass's own search for the active set. Compiled always: numbers a
 
 from math import inf, sqrt
 
-from ._direct import BOUND, INSIDE, MISSED, MU, OFF, OFFSET, OUTSIDE, SCALE, X, factorize, find_active_set, solve
+from ._direct import (
+    BOUND,
+    INSIDE,
+    MU,
+    OFF,
+    OFFSET,
+    OUTSIDE,
+    SCALE,
+    SLACK,
+    X,
+    factorize,
+    find_active_set,
+    measure,
+    solve,
+)
 from ._entry_point import entry_point, inlined
 from ._workspace import Booleans, Floats, Integers
 
@@ -110,20 +124,10 @@ def weigh(
     interpreted=(0, 0),
 )
 def judge(K: Floats, equality: Booleans, small: Floats, index: Integers, sums: Floats, report: Floats) -> None:
-    """Stationarity, primal, dual and complementarity of [r·r, J d …, d·d]; the first infinite where d is not to trust.
-
-    That is where a bound is missed that may contradict another, or a number leaves float64.
-    """
-    m, sigma = len(equality), sqrt(max(K[0, 0], sums[len(sums) - 1]))
-    primal, complementarity, trusted = 0.0, 0.0, sigma < inf
-    for i in range(m):
-        if index[0, i] != OFF:
-            slack = sums[i + 1] * small[SCALE, i] - small[BOUND, i]
-            missed = abs(slack) if equality[i] else -slack
-            primal = primal if missed <= primal else missed
-            if not equality[i]:
-                least = abs(min(small[MU, i], slack))
-                complementarity = complementarity if least <= complementarity else least
-            trusted = trusted and (missed <= MISSED * abs(small[BOUND, i]) or small[BOUND, i] == 0.0)
-    report[0] = sqrt(sums[0]) / sigma if trusted else inf
-    report[1], report[2], report[3] = primal / sigma, 0.0, complementarity / sigma
+    """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`."""
+    state, sigma = index[0], sqrt(max(K[0, 0], sums[len(sums) - 1]))
+    for i in range(len(equality)):
+        if state[i] != OFF:
+            small[SLACK, i] = sums[i + 1] * small[SCALE, i] - small[BOUND, i]
+    if not measure(small, state, equality, 0, sqrt(sums[0]), sigma, report) < inf:
+        report[0] = inf
