@@ -170,12 +170,14 @@ def measure(
 ) -> float:
     """The referee's residuals of μ, slack and ‖r‖, without its allowance for rounding, into parts; the worst of them.
 
-    "not ≤" lets NaN through. Dual is 0 here.
+    Dual is 0 here. "not ≤" lets NaN through.
     """
     primal, complementarity = 0.0, 0.0
     for i in range(small.shape[1]):
         if state[i] != OFF:
             mu, slack = small[MU, i], small[SLACK, i]
+            if slack != slack:  # NaN, which the comparisons with the next row's would lose
+                return inf
             missed = abs(slack) if equality[first + i] else -slack
             primal = primal if missed <= primal else missed
             if not equality[first + i]:
