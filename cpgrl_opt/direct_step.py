@@ -1,33 +1,30 @@
 """A step's usual way in one compiled call: where nothing is to be mended, dropped or reported, NumPy's calls cost most.
 
-    admit → fill in the problems → project → θ moves by α₁ s + αₑ v
+    admit → tangent and restoration of one run after the other → θ moves by α₁ s + αₑ v
 
-with the kernels that `step` uses one by one, so that the numbers are the same, bit for bit. Importing this module
-imports numba.
+with the numbers of `_step_run`, bit for bit. Importing this module imports numba.
 """
 
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .machine_code import compiled, forget_outdated_kernels
-from .solvers.compiled._direct import OPTIMAL, project_directly
-from .step_kernels import admit, fill_problems, mark_vanishing
+from .machine_code import forget_outdated_kernels
+from .solvers.compiled._direct import SHARP, solve_problem
+from .solvers.compiled._entry_point import entry_point
+from .step_kernels import admit, mark_vanishing
 
 _FOLDER = Path(__file__).parent
 _SOURCES = (_FOLDER / "step_kernels.py", *(_FOLDER / "solvers" / "compiled").glob("*.py"))
 forget_outdated_kernels(_FOLDER, "direct_step*", _SOURCES)
-_project = project_directly.machine_code
 
 
-def _entry(function: Any) -> Any:
-    return compiled(
-        "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, i8[::1], f8[:, ::1])", function
-    )
-
-
-@_entry
+@entry_point(
+    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, i8[::1], f8[:, ::1])",
+    interpreted=(0, 0),
+)
 def move(
     gradients: Any,
     slack: Any,
@@ -48,35 +45,30 @@ def move(
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
     if admit(gradients, slack, active, target, kept, flat)[1]:  # rows beyond 2^±400
         return False
-    count = runs if restores_inside else 2 * runs
-    g, J = np.empty((count, n)), np.empty((count, m, n))
-    b, E = np.empty((count, m)), np.empty((count, m), np.bool_)
-    ratio = restoration_rate / step_size if restores_inside else 0.0
-    if not fill_problems(gradients, target, kept, is_equality, ratio, g, J, b, E):
-        return False
-    value, multipliers, report = np.empty(count * n), np.empty(count * m), np.empty(6 * count)
-    _project(
-        tangent_solver,
-        g.reshape(count * n),
-        J.reshape((count * m, n)),
-        b.reshape(count * m),
-        E.reshape(count * m),
-        tolerance,
-        value,
-        multipliers,
-        report,
-    )
-    for k in range(count):
-        if report[k] != OPTIMAL:
-            return False
-    moves = value.reshape((count, n))
-    if mark_vanishing(moves[:runs], gradients, relative, np.empty(runs, np.bool_)):
-        return False
+    g, value, rest, vanishes = np.empty((1, n)), np.empty((1, n)), np.empty((1, n)), np.empty(1, np.bool_)
+    bound, equality = np.empty(m), np.empty(m, np.bool_)
+    gram, factor, small = np.empty((m, m)), np.empty((m, m)), np.empty((8, m))
+    state, order, parts = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(4)
     finite = True
-    for k in range(runs):
-        for j in range(n):
-            change[k, j] = step_size * moves[k, j]
-            if not restores_inside:
-                change[k, j] += restoration_rate * moves[runs + k, j]
-            finite = finite and abs(change[k, j]) < np.inf
+    for run in range(runs):
+        for part in range(1 if restores_inside else 2):  # the tangent, then the restoration
+            rate, inside = (step_size, 0.0) if part == 0 else (restoration_rate, 1.0)
+            if restores_inside:
+                inside = restoration_rate / step_size
+            for i in range(m):
+                bound[i] = inside * target[run, i] if kept[run, i] else -inf
+                equality[i] = is_equality and kept[run, i]
+            for j in range(n):
+                g[0, j] = gradients[run, 0, j] if part == 0 else 0.0
+            worst, _ = solve_problem(
+                tangent_solver, 0, g, gradients[run, 1:], bound, equality, gram, factor, small, state, order, value,
+                rest, parts,
+            )  # fmt: skip
+            if not (worst <= SHARP and worst <= tolerance):
+                return False
+            if part == 0 and mark_vanishing(value, gradients[run : run + 1], relative, vanishes):
+                return False
+            for j in range(n):
+                change[run, j] = rate * value[0, j] if part == 0 else change[run, j] + rate * value[0, j]
+                finite = finite and abs(change[run, j]) < inf
     return finite

@@ -205,7 +205,7 @@ class ConstrainedStep(ReadOnlyArrays):
         direct = vars(self).get("_direct")  # not there in steps that were pickled before it was
         if observe is None and direct is not None and count > 0:
             change, flat = np.empty((count, n)), np.empty(count, np.int64)
-            if direct_step().move(*stacked, *direct, flat, change):
+            if direct_step().move.run(*stacked, *direct, flat, change):
                 return usual_result(change.reshape(*runs, n), active, flat.reshape(runs))
         run = StepRun(self, observe, count)
         change, stationary = run.step(run.admit(*stacked))

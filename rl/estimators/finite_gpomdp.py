@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from cpgrl_opt.direct_step import move
+from cpgrl_opt import direct_step
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 
@@ -30,6 +30,7 @@ from .stored_average import StoredAverage, sum_of_weights
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
 
+_move = direct_step.move.machine_code
 _LANES = 4  # channels handled together, one vector register of float64
 _STEPS_AHEAD = 50_000  # of the environment in one call, at the most: about a millisecond
 
@@ -112,14 +113,15 @@ class FiniteGPOMDP:
 def _simulate(actions, transitions, start, random_states, visits):  # type: ignore[no-untyped-def]
     """One word a step: its high half draws the action, its low half the next state; visits (T, B) are s·A + a."""
     steps, runs = visits.shape
-    state = np.full(runs, start)
+    choices = np.uint64(actions.shape[2])
+    state = np.full(runs, np.uint64(start))
     for t in range(steps):
         for run in range(runs):
             word = next_word(random_states[run])
             s = state[run]
-            a = drawn(actions[run, s], np.int64(word >> np.uint64(32)))
-            visits[t, run] = s * actions.shape[2] + a
-            state[run] = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
+            a = drawn(actions[run, s], word >> np.uint64(32))
+            visits[t, run] = s * choices + a
+            state[run] = drawn(transitions[s, a], word & np.uint64(0xFFFFFFFF))
 
 
 @helper
@@ -153,7 +155,7 @@ def _gather(visits, run, rewards, first, from_start, decay, following, rate, gat
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], "
+    "void(float64[:, ::1], uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], "
     "float64, float64, float64, uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
 def advance(  # type: ignore[no-untyped-def]
@@ -177,8 +179,8 @@ def advance(  # type: ignore[no-untyped-def]
     runs, pairs = parameters.shape
     states, actions = transitions.shape[:2]
     probabilities = np.empty((runs, states, actions))
-    thresholds = np.empty((runs, states, actions), np.int64)
-    visits = np.empty((steps, runs), np.int32)
+    thresholds = np.empty((runs, states, actions), np.uint64)
+    visits = np.empty((steps, runs), np.uint32)
     gathered, sums = np.empty((pairs, rewards.shape[1])), np.empty((2, rewards.shape[1]))
     for run in range(runs):
         tabulate(parameters[run], probabilities[run], thresholds[run])
@@ -195,7 +197,7 @@ def advance(  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "int64(int64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], float64, float64, "
+    "int64(uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], float64, float64, "
     "float64, uint64[:, ::1], float64[:, ::1], float64[::1], boolean, boolean, boolean, float64, float64, float64, "
     "float64, float64, float64[:, :, ::1], float64[:, :, ::1], float64[:, :, :, ::1], float64[:, :, ::1], "
     "boolean[:, :, ::1], int64[:, ::1], float64[:, :, ::1])"
@@ -251,7 +253,7 @@ def learn(  # type: ignore[no-untyped-def]
                 slack[run, i] = values[k, run, 1 + i] - thresholds[i]
                 active[k, run, i] = slack[run, i] <= 0.0
                 usual = usual and abs(slack[run, i]) < np.inf
-        usual = usual and move(
+        usual = usual and _move(
             gradients[k], slack, active[k], tangent_solver, is_equality, restores_inside, step_size, restoration_rate,
             tolerance, relative, flat[k], change[k],
         )  # fmt: skip

@@ -104,7 +104,7 @@ def _add(change, trace, critic):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    "void(float64[:, ::1], int64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, float64[::1], "
+    "void(float64[:, ::1], uint64[:, :, ::1], float64[:, ::1], int64, int64, float64, float64, float64, float64[::1], "
     "float64[::1], uint64[:, ::1], float64[:, ::1], float64[::1], float64[:, :, ::1], float64[:, :, ::1], "
     "float64[:, ::1])"
 )
@@ -128,20 +128,20 @@ def advance(  # type: ignore[no-untyped-def]
 ):
     """One episode of B runs, one after the other."""
     states, actions = transitions.shape[:2]
-    probabilities, thresholds = np.empty((states, actions)), np.empty((states, actions), np.int64)
+    probabilities, thresholds = np.empty((states, actions)), np.empty((states, actions), np.uint64)
     trace, gathered = np.empty((states, actions)), np.empty(rewards.shape)
     for run in range(parameters.shape[0]):
         tabulate(parameters[run], probabilities, thresholds)
         trace[:], gathered[:], reward_sums[run] = 0.0, 0.0, 0.0
         s = start
         word = next_word(random_states[run])
-        a = drawn(thresholds[s], np.int64(word >> np.uint64(32)))
+        a = np.int64(drawn(thresholds[s], word >> np.uint64(32)))
         for t in range(steps):
             taken, q = a, s * actions + a
             _extend(trace_decay, probabilities[s], s, a, trace)
-            following = drawn(transitions[s, a], np.int64(word & np.uint64(0xFFFFFFFF)))
+            following = np.int64(drawn(transitions[s, a], word & np.uint64(0xFFFFFFFF)))
             word = next_word(random_states[run])
-            a = drawn(thresholds[following], np.int64(word >> np.uint64(32)))
+            a = np.int64(drawn(thresholds[following], word >> np.uint64(32)))
             totals[run] += average_rate * (1.0 - totals[run])
             for i in range(rewards.shape[1]):
                 critic, reward = critics[run, i], rewards[q, i]

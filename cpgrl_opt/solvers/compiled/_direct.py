@@ -241,6 +241,37 @@ def answer(
     return worst
 
 
+@inlined
+def solve_problem(
+    tangent: bool,
+    problem: int,
+    gradient: Floats,
+    jacobian: Floats,
+    bound: Floats,
+    equality: Booleans,
+    gram: Floats,
+    factor: Floats,
+    small: Floats,
+    state: Integers,
+    order: Integers,
+    value: Floats,
+    rest: Floats,
+    parts: Floats,
+) -> tuple[float, int]:
+    """The worst residual of d, inf where there is none, and how often 𝒜 changed. tangent: takes no inequality."""
+    m = small.shape[1]
+    if not prepare(problem, gradient, jacobian, bound, equality, gram, small, state):
+        return inf, 0
+    for i in range(m):
+        if tangent and state[i] == OUTSIDE:
+            return inf, 0
+    size, changes = find_active_set(gram, factor, small, state, order, equality, problem * m)
+    if size < 0:
+        return inf, 0
+    worst = answer(problem, gradient, jacobian, equality, factor, small, state, order, size, value, rest, parts)
+    return worst, changes
+
+
 @entry_point(
     "void(b1, Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 1, 'C', readonly=True),"
     "Array(b1, 1, 'C', readonly=True), f8, f8[::1], f8[::1], f8[::1])",
@@ -265,14 +296,9 @@ def project_directly(
     gram, factor, small, rest = np.empty((m, m)), np.empty((m, m)), np.empty((8, m)), np.empty((1, n))
     state, order, parts = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(4)
     for b in range(count):
-        size, changes, worst = -1, 0, inf
-        usable = prepare(b, gradients, jacobian, bound, equality, gram, small, state)
-        for i in range(m):
-            usable = usable and not (tangent and state[i] == OUTSIDE)
-        if usable:
-            size, changes = find_active_set(gram, factor, small, state, order, equality, b * m)
-        if size >= 0:
-            worst = answer(b, gradients, jacobian, equality, factor, small, state, order, size, values, rest, parts)
+        worst, changes = solve_problem(
+            tangent, b, gradients, jacobian, bound, equality, gram, factor, small, state, order, values, rest, parts
+        )
         report_out[b], report_out[count + b] = OPEN, 0.0
         if worst <= SHARP and worst <= tolerance:
             report_out[b], report_out[count + b] = OPTIMAL, changes
