@@ -29,10 +29,10 @@ def solve_in_span(
 
     is_exact: `solve` is the exact core, so that the usual problem needs no coordinates.
     """
+    if is_exact and "gramian" in RUNGS and (usual := solve_usual(problem, tolerance)) is not None:
+        return usual
     vectors, on = problem.vectors, problem.bound > -inf
     for rung in RUNGS:
-        if is_exact and rung == "gramian" and (usual := solve_usual(problem, tolerance)) is not None:
-            return usual
         small = coordinates(vectors, on, rung)
         if small is None:
             continue

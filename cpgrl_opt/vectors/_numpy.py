@@ -1,5 +1,6 @@
 """NumPy arrays of float64: one of g and one of the rows of J, in any order of storage."""
 
+import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -36,6 +37,10 @@ class ArrayVectors:
     gradient: Vector
     jacobian: Jacobian | tuple[Vector, ...]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what was found: the arrays of a copy lie elsewhere."""
+        return {"gradient": self.gradient, "jacobian": self.jacobian}
+
     @property
     def shape(self) -> tuple[int, int]:
         """(m, n), by the rows."""
@@ -53,18 +58,18 @@ class ArrayVectors:
 
     def are_finite(self) -> bool:
         """No NaN and no infinity: seen in K, unless squares overflow."""
-        return bool(np.isfinite(self._gramian.diagonal()).all()) or all(map(is_finite, (self.gradient, *self.jacobian)))
+        return math.isfinite(self._gramian.trace()) or all(map(is_finite, (self.gradient, *self.jacobian)))
 
     @cached_property
     def _gramian(self) -> np.ndarray:
         K = self._square()
-        _blocks().gramian(self._where(), len(self.gradient), K)
+        _blocks().gramian(self._where, len(self.gradient), K)
         return K
 
     def gramian_in_pairs(self) -> Pair:
         """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
         K = Pair(self._square(), self._square())
-        _blocks().gramian_in_pairs(self._where(), len(self.gradient), K.hi, K.lo)
+        _blocks().gramian_in_pairs(self._where, len(self.gradient), K.hi, K.lo)
         return K
 
     def is_zero(self, index: int) -> bool:
@@ -82,20 +87,22 @@ class ArrayVectors:
 
     def _combine(self, weights: Any, more: Any, forces: Any, in_pairs: bool) -> tuple[Any, Any]:
         d, sums = np.empty(self.gradient.shape), np.empty(1 + len(forces))
-        _blocks().combine(self._where(), len(d), weights, more, forces, in_pairs, d, sums)
+        _blocks().combine(self._where, len(d), weights, more, forces, in_pairs, d, sums)
         return d, sums
 
     def certificate(self, direction: Vector, multipliers: Multipliers) -> Certificate:
         """In one pass."""
         d, forces, sums = np.ascontiguousarray(direction), np.append(1.0, multipliers), np.empty(2 + len(multipliers))
-        _blocks().measure(self._where(), len(self.gradient), d, forces, sums)
+        _blocks().measure(self._where, len(self.gradient), d, forces, sums)
         return _certificate(sums)
 
     def _square(self) -> np.ndarray:
-        return np.empty((1 + len(self.jacobian), 1 + len(self.jacobian)))
+        count = 1 + len(self.jacobian)
+        return np.empty((count, count))
 
+    @cached_property
     def _where(self) -> np.ndarray:
-        """Address of each vector, and bytes from one of its numbers to the next. Not kept: copies lie elsewhere."""
+        """Address of each vector, and bytes from one of its numbers to the next."""
         g, J, where = self.gradient, self.jacobian, np.empty((1 + len(self.jacobian), 2), np.int64)
         for array in (g, *J) if isinstance(J, tuple) else (g, J):  # what lies at an address nobody checks again
             if array.dtype != np.float64 or array.shape[-1] != len(g):

@@ -1,5 +1,7 @@
 """The compiled passes over long vectors: of small integers every sum is exact, in any order and any storage."""
 
+import copy
+import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -67,6 +69,15 @@ def test_what_no_weight_asks_for_is_left_out_of_d() -> None:
     d, certificate = ArrayVectors(V[0], V[1:]).combine(Pair(np.array([1.0, 2.0, 0.0]), np.zeros(3)), np.array([2.0, 0]))
     np.testing.assert_array_equal(d, np.full(2000, 3.0))
     assert certificate.rest == 0.0
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda vectors: pickle.loads(pickle.dumps(vectors))])
+def test_a_copy_looks_at_its_own_arrays(again: Callable[[ArrayVectors], ArrayVectors]) -> None:
+    vectors = ArrayVectors(np.ones(9), np.ones((2, 9)))
+    vectors.gramian()
+    copied = again(vectors)
+    vectors.gradient[:], vectors.jacobian[0][:] = 5.0, 7.0
+    np.testing.assert_array_equal(copied.gramian(), np.full((3, 3), 9.0))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int64, ">f8"])
