@@ -9,10 +9,13 @@ change μ in its last digits changes r_in by up to eps Σ|μ̂|, and r_out not a
 Source: Wilkinson 1963, Rounding Errors in Algebraic Processes (the residual in twice the precision).
 """
 
+import math
+
 import numpy as np
 
 from .arrays import Float, Jacobian, Multipliers, Vector
 from .compensated import Pair, products
+from .metric import Metric
 from .problem import DirectionProblem
 from .scaling import lengths
 
@@ -34,17 +37,17 @@ def find_rest(g: Vector, J: Jacobian, Md: Pair, mu: Multipliers, kappa: float) -
     return rest
 
 
-def find_length(Md: Pair, d: Vector) -> float:
-    """√(dᵀMd)."""
-    square = products(np.array(Md), d).rounded().sum()
-    return float(np.sqrt(max(float(square), 0.0)))
-
-
-def find_slack(problem: DirectionProblem, d: Vector) -> Multipliers:
-    """Jd − b; infinite where a row is switched off."""
-    bound = np.where(problem.bound == -np.inf, 0.0, problem.bound)
-    slack = products(problem.jacobian, d).plus(Pair(-bound, np.zeros_like(bound))).rounded()
-    return np.where(problem.bound == -np.inf, np.inf, slack)
+def find_terms(
+    problem: DirectionProblem, M: Metric, d: Vector, mu: Multipliers, kappa: float
+) -> tuple[Vector, float, Multipliers]:
+    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is switched off; M: (n, n), the problem's."""
+    n, is_off = problem.n, problem.bound == -np.inf
+    reached = products(np.vstack([M, problem.jacobian]), d)
+    Md, Jd = (Pair(reached.hi[part], reached.lo[part]) for part in (slice(n), slice(n, None)))
+    square = float(products(np.array(Md), d).rounded().sum())
+    slack = Jd.plus(Pair(np.where(is_off, 0.0, -problem.bound), np.zeros(problem.m))).rounded()
+    rest = find_rest(problem.gradient, problem.jacobian, Md, mu, kappa)
+    return rest, math.sqrt(square) if square > 0.0 else 0.0, np.where(is_off, np.inf, slack)
 
 
 def split_rest(rest: Vector, directions: Float[np.ndarray, "k n"]) -> tuple[float, float]:

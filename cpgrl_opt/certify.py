@@ -37,7 +37,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ._exact_rest import find_length, find_rest, find_slack, split_rest
+from ._exact_rest import find_rest, find_terms, split_rest
 from ._violation import (
     FARKAS_TOLERANCE,
     Violation,
@@ -53,7 +53,7 @@ from ._violation import (
     violation_tolerance,
 )
 from .arrays import Float, Multipliers, Vector
-from .compensated import Pair, products
+from .compensated import Pair
 from .direction import Direction, KKTResiduals, Status
 from .problem import DirectionProblem
 from .scaling import UnitRows, unit_rows
@@ -223,9 +223,8 @@ def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *
         if not closely:
             return _Seen(norm(kappa * x - g - mu @ J), strength, length, rows, bound, slack)
         if L is not None and M is not None and M.ndim == 2:
-            Md = products(M, d)
-            rest = L.gradient(find_rest(problem.gradient, problem.jacobian, Md, mu, kappa))
-            length, slack = find_length(Md, d), rows.per_length(find_slack(problem, d))
+            rest, length, slack = find_terms(problem, M, d, mu, kappa)
+            rest, slack = L.gradient(rest), rows.per_length(slack)
         else:
             rest = find_rest(g, J, Pair(x, np.zeros_like(x)), mu, kappa)
         return _Seen(norm(rest), strength, length, rows, bound, slack, (rest, x))
