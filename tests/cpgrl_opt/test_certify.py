@@ -150,6 +150,20 @@ def test_multipliers_that_cancel_excuse_no_error_outside_the_span_of_their_rows(
     assert kkt_residuals(problem, answer(right, mu, kappa)).worst <= 1e-12
 
 
+def test_rounding_of_multipliers_is_allowed_no_more_than_1e_5_along_their_rows():
+    """μ = (1e14, 1e14) has digits of 1/64, and more than 0.1 of r might be these; d is off by 0.1 along the rows."""
+    problem = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]])
+    found = kkt_residuals(problem, answer(np.array([0.1, 1.0]), np.array([1e14, 1e14]), 0.0))
+    assert found.stationarity == pytest.approx((0.1 - 1e-5) / np.hypot(0.1, 1.0), rel=1e-4)
+
+
+def test_multipliers_too_large_to_be_judged_certify_nothing():
+    problem = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]])
+    for size, least, most in ((1e15, 0.0, 1e-12), (1e25, 1e-6, np.inf), (1e300, 1e-6, np.inf)):
+        found = kkt_residuals(problem, answer(np.array([0.0, 1.0]), np.array([size, size]), 0.0))
+        assert least <= found.stationarity <= most
+
+
 def test_a_right_answer_whose_rounded_multipliers_leave_a_rest_in_the_span_is_certified():
     """Rows 1e-9 rad from opposing, μ = 1e9: what the last digit of μ leaves, 1e-7, is along the rows."""
     theta = 1e-9

@@ -87,6 +87,7 @@ def test_no_force_at_all_needs_no_multiplier_and_any_that_is_there_is_judged(met
     assert residuals(problem, [0.5, 0.0], [0.0]).worst == 0.0
     assert residuals(problem, [0.5, 0.0], [1e-9]).stationarity > 0.1
     assert 1.0 <= residuals(problem, [0.0, 0.0], [0.0]).primal < np.inf
+    assert residuals(problem, [0.5, 0.0], [0.0], 1e-9).stationarity == pytest.approx(0.5 / 0.5)  # κ‖d‖ over κλ
     slack = DirectionProblem([0.0, 0.0], [[1.0, 0.0]], -0.5, metric=metric, radius=1.0)
     assert residuals(slack, [0.0, 0.0], [0.0]).worst == 0.0
     assert residuals(slack, [0.0, 0.0], [1e9]).stationarity > 0.1
