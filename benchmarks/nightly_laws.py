@@ -102,9 +102,11 @@ def sources() -> str:
     Not with imports, docstrings, comments and layout: hours of measurement stay valid when a name is moved.
     """
     folder = Path(cpgrl_opt.__file__).parent
-    paths = [folder / f"{name}.py" for name in ("problem", "metric", "direction", "certify", "projection")]
+    paths = sorted(folder.glob("*.py"))
+    for part in ("vectors", "solvers", "testing"):
+        paths += sorted((folder / part).rglob("*.py"))
     digest = hashlib.sha256()
-    for path in [*paths, *sorted((folder / "solvers").rglob("*.py")), *sorted((folder / "testing").rglob("*.py"))]:
+    for path in paths:
         digest.update(path.relative_to(folder).as_posix().encode() + _code(path.read_text(encoding="utf-8")).encode())
     return digest.hexdigest()[:8]
 
@@ -148,7 +150,8 @@ def page(rows: list[Row], max_examples: int) -> str:
     broken = [row for row in rows if row.problem]
     head = "| law | " + " | ".join(names) + " |\n|---|" + "--:|" * len(names)
     lines = [f"| {_label(law)} | " + " | ".join(_cells(cells, law, names)) + " |" for law in LAWS]
-    versions = sorted({row.sources for row in rows})
+    versions, now = sorted({row.sources for row in rows}), sources()
+    age = "the present ones" if versions == [now] else f"older sources than the present {now}"
     return (
         "\n\n".join(
             [
@@ -156,7 +159,7 @@ def page(rows: list[Row], max_examples: int) -> str:
                 f"`python benchmarks/nightly_laws.py --max-examples {max_examples}`: {len(rows)} laws under solvers, "
                 f"{sum(row.run for row in rows)} problems run, {len(broken)} broken; "
                 f"{sum(row.cpu_seconds for row in rows) / 3600:.1f} hours of one core. "
-                f"Sources: {', '.join(versions)}; when this page was written: {sources()}.",
+                f"Measured on {', '.join(versions)}: {age}.",
                 "A cell is how many problems the solver declined (it claimed nothing), of those that the law is about; "
                 "– where the solver does not take the law's cases, or has not what the law is about; ✗ where the law "
                 "broke; empty where it was not run. Laws with a * include problems that no solver need answer.",

@@ -156,6 +156,14 @@ class DirectionBatch(Sequence[Direction]):
             rungs if (rungs != "").any() else None,
         )
 
+    @classmethod
+    def join(cls, batches: Sequence["DirectionBatch"]) -> "DirectionBatch":
+        """The directions of batches one after the other; at least one batch."""
+        if any(len({part is None for part in parts}) > 1 for parts in zip(*map(_parts, batches), strict=True)):
+            return cls.stack([direction for batch in batches for direction in batch])
+        columns = zip(*map(_parts, batches), strict=True)
+        return cls(*(None if parts[0] is None else np.concatenate(parts) for parts in columns))  # type: ignore[arg-type]
+
     def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
         """A batch with `others`, in order, where the mask is True."""
         own, fresh = self.owned(), iter(others)
@@ -197,8 +205,7 @@ class DirectionBatch(Sequence[Direction]):
 
     def _each(self, changed: Callable[[np.ndarray], np.ndarray]) -> "DirectionBatch":
         """All arrays changed alike."""
-        parts = (getattr(self, each.name) for each in fields(self))
-        return DirectionBatch(*(None if part is None else changed(part) for part in parts))  # type: ignore[arg-type]
+        return DirectionBatch(*(None if part is None else changed(part) for part in _parts(self)))  # type: ignore[arg-type]
 
     def __len__(self) -> int:
         return len(self.value)
@@ -220,6 +227,10 @@ class DirectionBatch(Sequence[Direction]):
             None if known is None or np.isnan(known).any() else KKTResiduals(*known.tolist()),
             "" if self.rung is None else str(self.rung[index]),
         )
+
+
+def _parts(batch: DirectionBatch) -> list[np.ndarray | None]:
+    return [getattr(batch, each.name) for each in fields(batch)]
 
 
 _NO_RESIDUALS = (np.nan,) * 4

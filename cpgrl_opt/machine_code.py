@@ -19,7 +19,7 @@ def compiled(signature: str, function: FunctionType, **options: bool) -> Any:
     """
     from numba import njit
 
-    settings: dict[str, Any] = {"error_model": "numpy", **options}
+    settings: dict[str, Any] = {"error_model": "numpy", "nogil": True, **options}  # other threads go on meanwhile
     try:
         machine_code = njit(signature, cache=True, **settings)(function)
     except RuntimeError as error:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .validation import is_number, require_positive
+from .validation import is_number, require_count, require_positive
 
 LARGEST_TOLERANCE = 1e-3  # residuals are relative: at 1, d = g with μ = 0 passes for an optimum everywhere
 
@@ -24,10 +24,8 @@ class CheckedSettings:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):  # of no axes, checked above: a number that no caller can change
                 object.__setattr__(self, name, value[()])
-        limit = getattr(self, "iteration_limit", None)
-        is_whole = isinstance(limit, int | np.integer) and not isinstance(limit, bool)
-        if limit is not None and not (is_whole and limit >= 1):
-            raise ValueError(f"iteration_limit should be an integer ≥ 1; found {limit!r}")
+        if (limit := getattr(self, "iteration_limit", None)) is not None:
+            require_count("iteration_limit", limit)
 
 
 def require_tolerance(tolerance: Any) -> None:

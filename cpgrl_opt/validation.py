@@ -120,6 +120,14 @@ def require_positive(name: str, value: Any) -> None:
         raise ValueError(f"{name} should be a finite number > 0; found {value!r}")
 
 
+def require_count(name: str, value: Any, least: int = 1, most: int | None = None) -> None:
+    """ValueError unless `value` is an integer ≥ least, and ≤ most if given."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} should be an integer ≥ {least}; found {value!r}")
+    if most is not None and value > most:
+        raise ValueError(f"{name} should be an integer ≤ {most}; found {value!r}")
+
+
 def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
     """ValueError that lists the right names unless `value` is one of them."""
     if value not in members:

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from cpgrl_opt._process_group import exit_on_termination
+from cpgrl_opt.validation import require_count
 
 from .interrupts import InterruptsHeld
 from .standard_output import NOBODY_READS, WRONG_USE, say, standard_output
@@ -349,8 +350,7 @@ def _report(
 
 
 def _processes(jobs: int) -> int:
-    if jobs < 0:
-        raise ValueError(f"jobs should be an integer ≥ 0; found {jobs}")
+    require_count("jobs", jobs, 0)
     if jobs:
         return jobs
     usable = getattr(os, "sched_getaffinity", None)  # a container may be given fewer cores than the machine has

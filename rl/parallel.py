@@ -8,7 +8,8 @@ from threading import Thread
 from time import sleep
 from typing import TypeVar
 
-from .policies.interface import require_count
+from cpgrl_opt.validation import require_count
+
 from .streams import run_indices
 
 T = TypeVar("T")

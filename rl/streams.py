@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .policies.interface import require_count
+from cpgrl_opt.validation import require_count
 
 MOST_RUNS = 1_000_000  # in lockstep; beyond, a slip of the keyboard would fill the memory
 

@@ -10,14 +10,14 @@ from jaxtyping import Float
 from cpgrl_opt import Linearization
 from cpgrl_opt.arrays import Vector
 from cpgrl_opt.step import Observer
-from cpgrl_opt.validation import is_finite
+from cpgrl_opt.validation import is_finite, require_count
 
 from .channels import name_of
 from .estimators import Estimate, Estimation, GradientEstimator
 from .estimators.learned_episodes import LearnedEpisodes, LearningEstimation
 from .learners import CPGRL, Learner, LearnerUpdate
 from .policies import Policy
-from .policies.interface import parameter_vector, require_count
+from .policies.interface import parameter_vector
 from .rollout import PolicyError, RolloutError
 from .streams import run_indices, run_streams
 

@@ -8,6 +8,7 @@ import numpy as np
 from ..arrays import Float
 from ..direction import DirectionBatch
 from ..problem import ProblemBatch
+from ..validation import require_count
 from .recording import Recording, empty_recording
 
 STRETCH = 20  # updates that follow each other: enough to see what a warm start is worth
@@ -31,8 +32,7 @@ def stretches(limit: int, runs: int, episodes: int) -> list[Stretch]:
     beginnings spread evenly from the first episode to the last, each from the next run in turn.
     """
     for name, value in (("limit", limit), ("runs", runs), ("episodes", episodes)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise ValueError(f"{name} should be an integer ≥ 1; found {value!r}")
+        require_count(name, value)
     room = limit // runs
     if room >= _PER_UPDATE * episodes:
         return [Stretch(run, 1, episodes, room) for run in range(runs)]

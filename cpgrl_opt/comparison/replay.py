@@ -14,6 +14,7 @@ from ..solvers.asking import in_form
 from ..solvers.facts import facts_of
 from ..solvers.infeasibility import least_violation
 from ..solvers.interface import DirectionSolver
+from ..validation import require_count
 from .families import ProblemFamily
 from .recording import Recording
 
@@ -44,8 +45,7 @@ def replay(recording: Recording, solver: DirectionSolver, *, warm: bool = False,
     """
     if warm and not facts_of(solver).has_warm_start:
         raise ValueError(f"solver should have a session with warm_start to be replayed warm; found {solver!r}")
-    if repeats < 1:
-        raise ValueError(f"repeats should be an integer ≥ 1; found {repeats!r}")
+    require_count("repeats", repeats)
     count = len(recording)
     status, iterations = np.zeros((2, count), np.int64)
     done = Replay(warm, status, iterations, np.zeros(count), np.full(count, np.inf))

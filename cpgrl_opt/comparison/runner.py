@@ -8,6 +8,7 @@ from pathlib import Path
 from time import monotonic
 
 from ..solvers import SOLVERS
+from ..validation import require_count
 from .cell_keys import cell_keys
 from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
@@ -42,12 +43,10 @@ class ComparisonSettings:
     def __post_init__(self) -> None:
         """ValueError for what cannot be run."""
         for name in ("problems", "repeats"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} should be an integer ≥ 1; found {getattr(self, name)}")
+            require_count(name, getattr(self, name))
         if not self.limit > 0:
             raise ValueError(f"limit should be positive seconds; found {self.limit}")
-        if self.seed < 0:
-            raise ValueError(f"seed should be an integer ≥ 0; found {self.seed}")
+        require_count("seed", self.seed, 0)
         if not self.solvers or installed(self.solvers)[1]:
             raise ValueError(f"solvers should be installed, at least one; found {', '.join(self.solvers) or 'none'}")
 
@@ -94,8 +93,7 @@ def run_comparison(
     Cells that the checkpoint holds are not run again; those that are not asked for stay there too, behind the others.
     Ctrl-C, or an error, ends the workers; what was finished stays.
     """
-    if jobs < 1:
-        raise ValueError(f"jobs should be an integer ≥ 1; found {jobs}")
+    require_count("jobs", jobs)
     cells = settings.cells()
     keys = cell_keys(cells)
     done = checkpoint.finished(cells, keys, lambda cell: _is_trusted(cell, checkpoint.changed))

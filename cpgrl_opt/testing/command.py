@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .._process_group import exit_on_termination
-from ..validation import require_member
+from ..validation import require_count, require_member
 from .isolation import Messages, Order, Ready, Refused, examined_apart
 from .laws import LAWS
 from .subject import CannotCheck
@@ -51,10 +51,8 @@ def check_target(
     examined: how the laws are put to it, in processes of their own unless told otherwise.
     Raises CannotCheck where there is nothing to check, ValueError for settings that are out of range.
     """
-    if max_examples < 1:
-        raise ValueError(f"max_examples should be an integer ≥ 1; found {max_examples}")
-    if seed < 0:
-        raise ValueError(f"seed should be an integer ≥ 0; found {seed}")
+    require_count("max_examples", max_examples)
+    require_count("seed", seed, 0)
     if not 0 < time_limit < float("inf"):
         raise ValueError(f"time_limit should be a number of seconds > 0; found {time_limit:g}")
     if markdown is not None and not markdown.parent.is_dir():

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from cpgrl_opt.arrays import Vector
+from cpgrl_opt.validation import require_count
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
-from ..policies.interface import require_count
 from ..rollout import episode, require_fitting, reward_channels
 from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation

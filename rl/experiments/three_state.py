@@ -15,13 +15,13 @@ from cpgrl_opt.comparison.recorder import Recorder as ProblemRecorder
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels
 from cpgrl_opt.step import Observer
+from cpgrl_opt.validation import require_count
 from envs import ThreeStateMDP
 from envs.tabular import ConstrainedOptimum
 
 from ..estimators import GPOMDP
 from ..learners import CPGRL, ConstraintSwitching, Learner, WeightedSum
 from ..policies import SoftmaxTable
-from ..policies.interface import require_count
 from ..streams import MOST_RUNS
 from ..training import TrainingRecord, train, uniform_parameters
 from .learning_curves import LearningCurves

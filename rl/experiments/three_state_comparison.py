@@ -17,11 +17,11 @@ from jaxtyping import Float, Int
 from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
 from cpgrl_opt.solvers import SOLVERS, compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
+from cpgrl_opt.validation import require_count
 from envs import ThreeStateMDP
 
 from ..learners import CPGRL, Learner, LearnerUpdate
 from ..policies import SoftmaxTable
-from ..policies.interface import require_count
 from ..training import train, uniform_parameters
 from .solver_cases import cases, require_installed
 from .three_state import ThreeStateSettings

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from cpgrl_opt import ConstrainedStep
+from cpgrl_opt.validation import require_count
 from envs import TwoLinkArm
 
 from ..estimators import GPOMDP, GradientEstimator, KondaActorCritic
 from ..learners import CPGRL, GradientWithRestoration, Learner, WeightedSum
 from ..policies import NormalizedGaussianNetwork
-from ..policies.interface import require_count
 from ..streams import MOST_RUNS
 
 ESTIMATORS = ("konda", "gpomdp")

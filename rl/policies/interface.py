@@ -82,11 +82,3 @@ def feature_vector(features: Float[np.ndarray, "k"], size: int) -> Float[np.ndar
 
 def _real(features: Any) -> Float[np.ndarray, "k"]:
     return real_values("what the policy's features return", features)
-
-
-def require_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
-    """ValueError unless `value` is an integer ≥ least, and ≤ most if given."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} should be an integer ≥ {least}; found {value!r}")
-    if most is not None and value > most:
-        raise ValueError(f"{name} should be an integer ≤ {most}; found {value!r}")

@@ -8,8 +8,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Vector
+from cpgrl_opt.validation import require_count
 
-from .interface import Features, at_parameters, feature_vector, first_parameters, require_count
+from .interface import Features, at_parameters, feature_vector, first_parameters
 
 
 @dataclass(frozen=True, init=False, eq=False)

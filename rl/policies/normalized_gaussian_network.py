@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Vector
+from cpgrl_opt.validation import require_count
 
-from .interface import at_parameters, first_parameters, require_count
+from .interface import at_parameters, first_parameters
 
 _ONE = np.ones(1)
 _NARROWEST = 0.1  # of the spacing: narrower ones tell cells apart, nothing more, and overflow when compiled

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, Direction, DirectionBatch, DirectionProblem, ProblemBatch, Status, kkt_residuals, solve
+from cpgrl_opt import (
+    SOLVERS,
+    Direction,
+    DirectionBatch,
+    DirectionProblem,
+    ProblemBatch,
+    Status,
+    kkt_residuals,
+    solve,
+    solve_batch,
+)
 from cpgrl_opt.solvers import is_installed
 
 
@@ -81,3 +91,27 @@ def test_the_function_form_names_the_solvers_that_there_are() -> None:
         solve(DirectionProblem([1.0], [[1.0]]), "simplex")
     with pytest.raises(ValueError, match="solver should be a name or have a method solve"):
         solve(DirectionProblem([1.0], [[1.0]]), 3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["active-set", "rosen-drop"])
+@pytest.mark.parametrize("threads", [2, 3, 9])
+def test_parts_solved_side_by_side_have_the_bits_of_the_whole(name: str, threads: int) -> None:
+    problems = batch_of(np.random.default_rng(5), 7)
+    whole, parts = (solve_batch(SOLVERS[name], problems, threads=count) for count in (1, threads))
+    for field in ("value", "multipliers", "status", "iterations", "residuals"):
+        np.testing.assert_array_equal(getattr(parts, field), getattr(whole, field))
+    assert [each.rung for each in parts] == [each.rung for each in whole]
+
+
+def test_batches_that_know_different_things_are_joined() -> None:
+    problems = batch_of(np.random.default_rng(6), 2)
+    known, unknown = SOLVERS["nnls"].solve_batch(problems), Direction(np.ones(9), np.ones(3), Status.UNCERTIFIED)  # type: ignore[attr-defined]
+    joined = DirectionBatch.join([known, DirectionBatch.stack([unknown])])
+    assert [each.residuals for each in joined] == [known[0].residuals, known[1].residuals, None]
+    np.testing.assert_array_equal(joined.value[2], np.ones(9))
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True])
+def test_threads_are_a_number_of_them(threads: object) -> None:
+    with pytest.raises(ValueError, match="threads should be an integer ≥ 1"):
+        solve_batch(SOLVERS["active-set"], batch_of(np.random.default_rng(7)), threads=threads)  # type: ignore[arg-type]
