@@ -1,4 +1,4 @@
-"""How long does a direction take at the size of a network, and how much memory?
+"""How long does a direction take at the size of a network? (How much memory: `long_memory.py`.)
 
     floor: A @ A.T, w @ A, J @ d      A = [g; J], (1 + m, n); the three products that a direction needs, by BLAS
 
@@ -16,9 +16,6 @@ Accuracy beside time: the worst KKT residual; of a step how far J Δθ is from �
     slope in m    log(t₂/t₁) / log(m₂/m₁), from the least m to the largest at n = 10⁶; 2: as the Gramian does
     untouched     share of a direction's time at n = 10⁶ that is left where the passes over the vectors give again
                   what they gave before, without a look at them
-    memory        what construction and solve add to the most memory that a new process ever held (ru_maxrss), as a
-                  share of g and J; the direction itself is 1/(1 + m) of these
-
     OMP_NUM_THREADS=1 python benchmarks/long_vectors.py [--parameters 100000,1000000,10000000]
         [--constraints 1,5,31,50] [--out benchmarks/results]
 
@@ -29,34 +26,28 @@ numbers, so rows are nearly orthogonal; half of the bounds of a direction hold w
 """
 
 import argparse
-import csv
-import json
 import math
 import os
 import platform
-import statistics
-import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from long_problems import Answer, Data, direction, drawn, in_turns, judged, numbers, oppose, repeats_of, write
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, kkt_residuals
+from cpgrl_opt import ConstrainedStep, Linearization, kkt_residuals
 from cpgrl_opt.vectors import _numpy as array_vectors
 
 DIRECTION, FORMS = "direction", ("(n, m) storage", "rows apart")
 STEPS, RESIDUALS, OPPOSING = ("equality", "restoring"), "residuals", "near opposing"
 WORKS = (DIRECTION, *FORMS, *STEPS, RESIDUALS, OPPOSING)
 BARS = {DIRECTION: 0.8, **dict.fromkeys((*FORMS, *STEPS), 1.0)}  # of the floor, at n = 10⁶ and m = 5
-REFERENCE, SLACK_OF_MEMORY = 1_000_000, 0.05
-SOLVER = SOLVERS["active-set"]
-ANGLE = 1e-5  # rad
+REFERENCE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -73,73 +64,6 @@ class Row:
     error: float
     failed: int
     repeats: int
-
-
-@dataclass(frozen=True)
-class Memory:
-    """Most memory that construction and solve of one new process add, and its share of g and J."""
-
-    n: int
-    m: int
-    rung: str
-    megabytes: float
-    share: float
-    bar: float
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a work returned: the rung that answered, its error, and whether it failed."""
-
-    rung: str
-    error: float
-    failed: bool
-
-
-@dataclass(frozen=True)
-class Data:
-    """g and J as rows of A; bounds of a direction; average rewards, all below 0, of a step."""
-
-    gradients: np.ndarray
-    bound: np.ndarray
-    values: np.ndarray
-
-    @property
-    def g(self) -> np.ndarray:
-        """Row 0."""
-        return self.gradients[0]
-
-    @property
-    def J(self) -> np.ndarray:
-        """The other rows."""
-        return self.gradients[1:]
-
-
-def drawn(n: int, m: int) -> Data:
-    """Standard normal rows; bounds of a tenth of their length, which half of them exceed."""
-    rng = np.random.default_rng([n, m])
-    A = np.empty((1 + m, n))
-    for row in A:
-        rng.standard_normal(out=row)
-    return Data(A, 0.1 * math.sqrt(n) * rng.standard_normal(m), -rng.uniform(0.5, 1.0, 1 + m))
-
-
-def oppose(A: np.ndarray) -> None:
-    """The last row ← minus the one before it, turned by `ANGLE` towards what it was; by blocks, without a copy."""
-    for start in range(0, A.shape[1], 10_000):
-        block = A[:, start : start + 10_000]
-        block[-1] = ANGLE * block[-1] - block[-2]
-
-
-def direction(g: np.ndarray, J: np.ndarray | list[np.ndarray], bound: np.ndarray | float) -> tuple[Any, Any]:
-    """Construction, solve and certificate."""
-    problem = DirectionProblem(g, J, bound)
-    return problem, SOLVER.solve(problem)
-
-
-def judged(problem: DirectionProblem, found: Any) -> Answer:
-    """By the residuals measured anew."""
-    return Answer(found.rung, kkt_residuals(problem, found).worst, found.status != Status.OPTIMAL)
 
 
 def judged_step(data: Data, step: ConstrainedStep, result: Any) -> Answer:
@@ -189,26 +113,6 @@ def measure(n: int, m: int, scale: float) -> list[Row]:
     return rows
 
 
-def in_turns(floor: Callable[[], Any], run: Callable[[], Any], repeats: int) -> tuple[float, float, Any]:
-    """Median CPU seconds of each, and what the second returned last; one more turn goes before, uncounted."""
-    times: list[tuple[float, float]] = []
-    result = None
-    for _ in range(1 + repeats):
-        result = None  # two directions at once are no part of the work
-        start = time.process_time()
-        floor()
-        middle = time.process_time()
-        result = run()
-        times.append((middle - start, time.process_time() - middle))
-    beside, ours = (statistics.median(turn[k] for turn in times[1:]) for k in (0, 1))
-    return beside, ours, result
-
-
-def repeats_of(n: int, m: int, scale: float) -> int:
-    """Fewer of what takes long: 25 down to 3, times the scale."""
-    return max(1, round(scale * max(3, min(25, 300_000_000 // (n * (1 + m))))))
-
-
 class Memoir:
     """The compiled passes, which give again what they gave first; `combine` leaves d as it finds it."""
 
@@ -240,36 +144,6 @@ def untouched_share(n: int, m: int, scale: float) -> float:
     return rest / whole if memoir.known else math.nan
 
 
-def peak() -> float:
-    """Most memory that this process held so far, in bytes."""
-    import resource  # not on Windows
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
-def memory_here(n: int, m: int, rung: str) -> Memory:
-    """Of this process, which should be new: a short problem loads all code before."""
-    short = drawn(max(8 * (1 + m), 1_100_000 // ((1 + m) * max(10, 1 + m))), m)
-    data = drawn(n, m)
-    for each in (short, data):
-        if rung == "pairs":
-            oppose(each.gradients)
-            each.bound[:] = 0.0
-    direction(short.g, short.J, short.bound)
-    before = peak()
-    _, found = direction(data.g, data.J, data.bound)
-    added = peak() - before
-    return Memory(n, m, found.rung, 1e-6 * added, added / data.gradients.nbytes, 1 / (1 + m) + SLACK_OF_MEMORY)
-
-
-def memory(n: int, m: int, rung: str) -> Memory:
-    """Of a new process."""
-    command = [sys.executable, str(Path(__file__).resolve()), "--memory-of", f"{n},{m},{rung}"]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    said = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
-    return Memory(**json.loads(said))
-
-
 def beside_torchjd(parameters: Sequence[int], scale: float) -> list[Row]:
     """Six rows and their mean, DualProj in place of the floor; none where TorchJD is not installed."""
     try:
@@ -299,9 +173,7 @@ def slope(first: tuple[float, float], last: tuple[float, float]) -> float:
     return math.log(last[1] / first[1]) / math.log(last[0] / first[0]) if last[0] > first[0] else math.nan
 
 
-def verdicts(
-    rows: Sequence[Row], shares: dict[int, float], memories: Sequence[Memory]
-) -> list[tuple[str, str, float, bool]]:
+def verdicts(rows: Sequence[Row], shares: dict[int, float]) -> list[tuple[str, str, float, bool]]:
     """(what, bar, measured, whether it is kept)."""
     found = []
     for row in rows:
@@ -320,9 +192,6 @@ def verdicts(
         found.append((f"slope in m, {ends}, n = {REFERENCE:.0e}", "≤ 2", rate, rate <= 2))
     for m, share in shares.items():
         found.append((f"untouched, n = {REFERENCE:.0e}, m = {m}", "≤ 0.05", share, share <= 0.05))
-    for each in memories:
-        what = f"memory, n = {each.n:.0e}, m = {each.m}, {each.rung}"
-        found.append((what, f"≤ {each.bar:.3f}", each.share, each.share <= each.bar))
     return found
 
 
@@ -370,19 +239,6 @@ def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float,
     )
 
 
-def write(path: Path, kind: type, rows: Sequence[Any]) -> None:
-    """A csv file."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=[each.name for each in fields(kind)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
-
-
-def numbers(text: str) -> list[int]:
-    """Of a list separated by commas."""
-    return [int(float(each)) for each in text.split(",") if each]
-
-
 def main() -> None:
     """Measure, print, and write when asked to."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -390,30 +246,21 @@ def main() -> None:
     parser.add_argument("--constraints", type=numbers, default=[1, 5, 31, 50], help="m, by commas")
     parser.add_argument("--most", type=float, default=1e8, help="numbers in g and J: 0.8 GB, held two or three times")
     parser.add_argument("--scale", type=float, default=1.0, help="times the usual number of repeats (1: some minutes)")
-    parser.add_argument("--memory-parameters", type=int, default=10_000_000, help="n of what memory is measured of")
-    parser.add_argument("--memory-of", help=argparse.SUPPRESS)  # n,m,rung in this process
-    parser.add_argument("--out", type=Path, help="folder for long_vectors.csv, long_vectors_memory.csv and .md")
+    parser.add_argument("--out", type=Path, help="folder for long_vectors.csv and .md")
     arguments = parser.parse_args()
-    if arguments.memory_of:
-        n, m, rung = arguments.memory_of.split(",")
-        print(json.dumps(asdict(memory_here(int(n), int(m), rung))))
-        return
     if os.environ.get("OMP_NUM_THREADS") != "1":
         print("OMP_NUM_THREADS should be 1 before Python starts: BLAS may use several threads", file=sys.stderr)
     sizes = [(n, m) for n in arguments.parameters for m in arguments.constraints if n * (1 + m) <= arguments.most]
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
-    at_memory = [m for m in (1, 5, 31) if m in arguments.constraints]
-    memories = [memory(arguments.memory_parameters, m, rung) for rung in ("gramian", "pairs") for m in at_memory]
     rows = [row for n, m in sizes for row in measure(n, m, arguments.scale)]
     shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
     beside = beside_torchjd([n for n in (1_000, 100_000, 1_000_000) if n <= max(arguments.parameters)], arguments.scale)
-    said = page(rows, beside, verdicts(rows, shares, memories), load)
+    said = page(rows, beside, verdicts(rows, shares), load)
     print(said)
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)
         (arguments.out / "long_vectors.md").write_text(said, encoding="utf-8")
         write(arguments.out / "long_vectors.csv", Row, [*rows, *beside])
-        write(arguments.out / "long_vectors_memory.csv", Memory, memories)
 
 
 if __name__ == "__main__":

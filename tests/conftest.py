@@ -154,7 +154,9 @@ def load_benchmark() -> Callable[[str], ModuleType]:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module  # where dataclasses look for their annotations
-        spec.loader.exec_module(module)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(path.parent)  # a script's own folder comes first
+            spec.loader.exec_module(module)
         return module
 
     return load

@@ -1,4 +1,4 @@
-"""The benchmark of long vectors runs tiny."""
+"""The benchmarks of long vectors run tiny."""
 
 import csv
 import sys
@@ -21,7 +21,7 @@ def test_it_runs_tiny_and_writes_its_files(
     benchmark = load_benchmark("long_vectors")
     monkeypatch.setattr(_numpy, "LEAST_PRODUCTS", 0)
     monkeypatch.setattr(benchmark, "REFERENCE", 2000)
-    sizes = ["--parameters", "500,2000", "--constraints", "2,5", "--memory-parameters", "60000", "--scale", "0.05"]
+    sizes = ["--parameters", "500,2000", "--constraints", "2,5", "--scale", "0.05"]
     monkeypatch.setattr(sys, "argv", ["long_vectors.py", *sizes, "--out", str(tmp_path)])
     benchmark.main()
     markdown = (tmp_path / "long_vectors.md").read_text(encoding="utf-8")
@@ -42,6 +42,16 @@ def test_it_runs_tiny_and_writes_its_files(
             assert row["rung"] == "pairs"
         if row["work"] == benchmark.DIRECTION:
             assert row["rung"] == "gramian"
-    with (tmp_path / "long_vectors_memory.csv").open(newline="", encoding="utf-8") as file:
-        memories = list(csv.DictReader(file))
-    assert [(row["m"], row["rung"]) for row in memories] == [("5", "gramian"), ("5", "pairs")]
+
+
+def test_the_one_of_memory_runs_tiny(
+    load_benchmark: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    benchmark = load_benchmark("long_memory")
+    arguments = ["--parameters", "60000", "--constraints", "5", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["long_memory.py", *arguments])
+    benchmark.main()
+    with (tmp_path / "long_memory.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["m"], row["rung"]) for row in rows] == [("5", "gramian"), ("5", "pairs")]
+    assert "| pairs |" in (tmp_path / "long_memory.md").read_text(encoding="utf-8")
