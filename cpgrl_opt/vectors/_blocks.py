@@ -33,6 +33,7 @@ _LANES = 256  # sums in pairs run side by side in so many lanes, so that the pro
 # Rows that are gathered begin an odd number of cache lines apart: with a power of two all compete for the same lines of
 # the first-level cache, and 31 rows take four times as long.
 _APART = _BLOCK + 8
+_COLUMNS = 16
 _BYTES = 8  # of a number
 _WHERE, _VECTOR = "Array(i8, 2, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
 
@@ -77,20 +78,17 @@ def _compiled_numbers_at(address: Any, count: Any) -> Any:  # noqa: ARG001 - num
 
 @_plain
 def _gather(where: Any, start: int, width: int, buffer: Any) -> None:
-    """Rows of the buffer ← the block of those whose numbers lie apart; columns of J side by side are read as such."""
-    m, in_columns = where.shape[0] - 1, where.shape[0] > 2 and where[-1, 1] != _BYTES
-    for i in range(2, m + 1):
-        in_columns = in_columns and where[i, 0] - where[i - 1, 0] == _BYTES and where[i, 1] == where[1, 1]
-    if in_columns:
-        for t in range(width):
-            column = _numbers_at(where[1, 0] + (start + t) * where[1, 1], m)
-            for i in range(m):
-                buffer[1 + i, t] = column[i]
-    for i in range(1 if in_columns else m + 1):
-        address, step = where[i, 0] + start * where[i, 1], where[i, 1]
-        if step != _BYTES:
-            for t in range(width):
-                buffer[i, t] = _numbers_at(address + t * step, 1)[0]
+    """Rows of the buffer ← the block of those whose numbers lie apart; some columns at a time, which may be neighbours.
+
+    Column by column, loops over five rows take twice as long to start as to run.
+    """
+    if (where[:, 1] != _BYTES).any():
+        for first in range(0, width, _COLUMNS):
+            for i in range(where.shape[0]):
+                step, address = where[i, 1], where[i, 0] + start * where[i, 1]
+                if step != _BYTES:
+                    for t in range(first, min(first + _COLUMNS, width)):
+                        buffer[i, t] = _numbers_at(address + t * step, 1)[0]
 
 
 @_plain
