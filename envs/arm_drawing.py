@@ -1,12 +1,12 @@
 """Pictures of the two-link arm at work."""
 
 import numpy as np
-from jaxtyping import Float64, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
+from .arrays import Float64, UInt8
 from .two_link_arm import TwoLinkArm
 
 _INK, _FAINT, _REACH, _BOX = "#26323b", "#aab4bb", "#f3f5f6", "#dcebf5"

@@ -5,10 +5,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
-from jaxtyping import Float64, UInt8
 from numpy.typing import ArrayLike
 
 from .arm_constants import NONE
+from .arrays import Float64, UInt8
 from .interface import ContinuousKernels, continuous_kernels_of, restated
 from .two_link_arm import TwoLinkArm
 from .validation import finite_array, real_array

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
-from jaxtyping import Float64
 
+from .arrays import Float64
 from .interface import RESET_SIGNATURE, STEP_SIGNATURE
 from .interface.random_stream import uniform
 

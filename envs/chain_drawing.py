@@ -1,12 +1,12 @@
 """A picture of a finite Markov decision process at work."""
 
 import numpy as np
-from jaxtyping import Float64, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch
 
+from .arrays import Float64, UInt8
 from .tabular import TabularMDP
 
 _INK, _FAINT, _LIT, _TAKEN = "#26323b", "#d5dbe0", "#f2b134", "#c8452f"

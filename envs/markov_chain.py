@@ -1,9 +1,8 @@
 """Finite Markov chains: which states recur, and how often each is visited in the long run."""
 
 import numpy as np
-from jaxtyping import Bool
 
-from .arrays import Chain, StateDistribution
+from .arrays import Bool, Chain, StateDistribution
 
 
 def recurrent_states(chain: Chain) -> Bool[np.ndarray, "*runs states"]:

@@ -9,9 +9,8 @@ Processes, ch. 4; Feinberg & Shwartz (1999), cited in §1 of the paper.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 
-from .arrays import ChannelValues, Occupancy, Rewards, Thresholds, Transitions
+from .arrays import ChannelValues, Float64, Occupancy, Rewards, Thresholds, Transitions
 
 # The tightest that HiGHS takes; on rewards scaled to [−1, 1].
 _TOLERANCE = 1e-10

@@ -5,8 +5,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from jaxtyping import Float64, UInt8
 
+from .arrays import Float64, UInt8
 from .interface import FiniteKernel, finite_kernel_of, restated
 from .tabular import TabularMDP
 

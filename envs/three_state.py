@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
 from numpy.typing import ArrayLike
 
+from .arrays import Float64
 from .tabular import TabularMDP
 from .tabular_env import TabularEnv
 from .validation import number_in_unit_interval

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Int64
 from numpy.typing import ArrayLike
 
 from .arm_constants import (
@@ -19,6 +18,7 @@ from .arm_constants import (
     number_between,
     pair_between,
 )
+from .arrays import Float64, Int64
 from .interface import ContinuousKernels, restated
 from .validation import finite_array, positive_integer
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float
 
-from cpgrl_opt.arrays import Vector
+from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import is_finite
 
 from .channels import event_key, event_of, name_of, reward_channels

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from cpgrl_opt import Linearization
-from cpgrl_opt.arrays import Vector
+from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.step import Observer
 from cpgrl_opt.validation import is_finite, require_count
 

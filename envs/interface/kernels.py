@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt64
 from numpy.typing import ArrayLike
 
+from ..arrays import Float64, UInt64
 from ..markov_chain import require_one_class
 from ..validation import finite_array, index_below, positive_integer
 

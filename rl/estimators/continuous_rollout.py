@@ -7,10 +7,10 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numba import types
 from numba.core import sigutils
 
+from cpgrl_opt.arrays import Float
 from envs.interface import RESET_SIGNATURE, STEP_SIGNATURE, ContinuousKernels, function_type, random_state
 
 from ..interrupts import InterruptsHeld

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+
+from cpgrl_opt.arrays import Float
 
 from ..policies import Policy, SoftmaxTable
 from ..spaces import behaves_as

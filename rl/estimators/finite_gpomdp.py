@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 
 from cpgrl_opt import direct_step
+from cpgrl_opt.arrays import Float
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
+from cpgrl_opt.arrays import Float
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 

@@ -1,8 +1,8 @@
 """What compiled estimators share on a finite MDP with a softmax table: draws by 32-bit thresholds, and Σ ψ G."""
 
 import numpy as np
-from jaxtyping import UInt64
 
+from cpgrl_opt.arrays import UInt64
 from envs.interface import FiniteKernel
 
 from ..kernels import helper

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from cpgrl_opt import Linearization
+from cpgrl_opt.arrays import Float, Int
 
 from ..policies import Policy
 

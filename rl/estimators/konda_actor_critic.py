@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from cpgrl_opt.arrays import Vector
+from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
+from cpgrl_opt.arrays import Bool, Float, Int
 from cpgrl_opt.step import usual_result
 
 from ..learners import CPGRL, LearnerUpdate

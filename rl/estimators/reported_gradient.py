@@ -3,7 +3,8 @@
 import warnings
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+
+from cpgrl_opt.arrays import Bool, Float, Int
 
 from .stored_average import MeanWeight
 

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+
+from cpgrl_opt.arrays import Float
 
 AVERAGES = ("step", "episode")
 _SETTLED = 1 - 1e-14  # a sum of weights that counts as 1: at α = 0.02 it stalls 3e-15 below

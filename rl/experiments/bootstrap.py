@@ -1,7 +1,8 @@
 """Percentile bootstrap over runs (Efron 1979)."""
 
 import numpy as np
-from jaxtyping import Float
+
+from cpgrl_opt.arrays import Float
 
 
 def mean_intervals(

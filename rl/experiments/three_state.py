@@ -7,10 +7,9 @@ from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float
 
 from cpgrl_opt import ConstrainedStep
-from cpgrl_opt.arrays import Vector
+from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.comparison.recorder import Recorder as ProblemRecorder
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels

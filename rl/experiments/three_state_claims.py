@@ -8,7 +8,8 @@ does, since runs were looked at. An episode that a short training does not reach
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+
+from cpgrl_opt.arrays import Float
 
 from .claims import Claim
 from .learning_curves import spread

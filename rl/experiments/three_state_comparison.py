@@ -12,9 +12,9 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
+from cpgrl_opt.arrays import Float, Int
 from cpgrl_opt.solvers import SOLVERS, compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
 from cpgrl_opt.validation import require_count

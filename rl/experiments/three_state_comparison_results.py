@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from cpgrl_opt import Status
+from cpgrl_opt.arrays import Float
 from envs import ThreeStateMDP
 
 from .bootstrap import mean_intervals

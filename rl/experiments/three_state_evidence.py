@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+
+from cpgrl_opt.arrays import Float
 
 from .learning_curves import LearningCurves, spread
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
+from cpgrl_opt.arrays import Float
 from envs import TabularMDP
 
 from .figure_style import BLACK, BLUE, GREEN, PAGE_WIDTH, VERMILION, blank_figure, caption, panel_letter

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from jaxtyping import UInt8
 
+from cpgrl_opt.arrays import UInt8
 from envs import TwoLinkArm
 
 from .figure_style import BLACK, blank_figure, panel_letter

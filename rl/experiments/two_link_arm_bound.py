@@ -1,8 +1,8 @@
 """What no policy of the arm can exceed: an upper bound on the average r³ per step."""
 
 import numpy as np
-from jaxtyping import Float
 
+from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
 _CELLS = 150  # of configurations along each joint, within the stops

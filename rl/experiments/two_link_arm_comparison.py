@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
 from .learning_curves import spread

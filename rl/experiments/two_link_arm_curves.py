@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from jaxtyping import Float, Int
 
+from cpgrl_opt.arrays import Float, Int
 from envs import TwoLinkArm
 
 EARLY = 500  # episodes: "at the early stage of learning"

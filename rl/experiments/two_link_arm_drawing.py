@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 
+from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
 from .figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
+from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
 from .figure_style import BLACK, PAGE_WIDTH, blank_figure, caption, panel_letter

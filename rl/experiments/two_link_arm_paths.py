@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from cpgrl_opt.arrays import Vector
+from cpgrl_opt.arrays import Float, Vector
 from envs import TwoLinkArm, TwoLinkArmEnv
 
 from ..policies import NormalizedGaussianNetwork

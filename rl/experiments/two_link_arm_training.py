@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from time import perf_counter, process_time
 
 import numpy as np
-from jaxtyping import Float, Int
 
+from cpgrl_opt.arrays import Float, Int
 from cpgrl_opt.comparison.recorder import Recorder
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels

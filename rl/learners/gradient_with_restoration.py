@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt.arrays import Float
 from cpgrl_opt.step import Observer
 
 from .interface import LearnerUpdate

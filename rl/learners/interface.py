@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from cpgrl_opt import Linearization
+from cpgrl_opt.arrays import Bool, Float, Int
 from cpgrl_opt.step import Observer
 
 

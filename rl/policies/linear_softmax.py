@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from cpgrl_opt.arrays import Vector
+from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count
 
 from .interface import Features, Index, at_parameters, feature_vector, first_parameters

@@ -7,8 +7,8 @@ every loop over it runs along memory; `exchanged` changes between the two orders
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
 
+from cpgrl_opt.arrays import Float64, Int64
 from envs.interface.random_stream import uniform
 
 from ..kernels import kernel

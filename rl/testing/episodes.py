@@ -7,8 +7,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from jaxtyping import Bool, Float
 
+from cpgrl_opt.arrays import Bool, Float
 from envs import TabularMDP
 
 from ..policies import SoftmaxTable
