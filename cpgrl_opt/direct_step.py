@@ -19,6 +19,7 @@ from .step_kernels import admit, mark_vanishing
 _FOLDER = Path(__file__).parent
 _SOURCES = (_FOLDER / "step_kernels.py", *(_FOLDER / "solvers" / "compiled").glob("*.py"))
 forget_outdated_kernels(_FOLDER, "direct_step*", _SOURCES)
+_admit, _mark_vanishing = admit.helper, mark_vanishing.helper
 
 
 @entry_point(
@@ -43,7 +44,7 @@ def move(
     runs, channels, n = gradients.shape
     m = channels - 1
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
-    if admit(gradients, slack, active, target, kept, flat)[1]:  # rows beyond 2^±400
+    if _admit(gradients, slack, active, target, kept, flat)[1]:  # rows beyond 2^±400
         return False
     g, value, rest, vanishes = np.empty((1, n)), np.empty((1, n)), np.empty((1, n)), np.empty(1, np.bool_)
     bound, equality = np.empty(m), np.empty(m, np.bool_)
@@ -66,7 +67,7 @@ def move(
             )  # fmt: skip
             if not (worst <= SHARP and worst <= tolerance):
                 return False
-            if part == 0 and mark_vanishing(value, gradients[run : run + 1], relative, vanishes):
+            if part == 0 and _mark_vanishing(value, gradients[run : run + 1], relative, vanishes):
                 return False
             for j in range(n):
                 change[run, j] = rate * value[0, j] if part == 0 else change[run, j] + rate * value[0, j]

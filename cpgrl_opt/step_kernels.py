@@ -1,6 +1,6 @@
 """Compiled filling of arrays around a step: twenty runs of nine parameters are too small for NumPy's calls.
 
-Importing this module imports numba. Arrays are C-contiguous; every output is passed in.
+Arrays are C-contiguous; every output is passed in.
 """
 
 from functools import partial
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .machine_code import compiled
+from .machine_code import CompiledLate
 
 _MATRIX, _CUBE, _MASK = "float64[:, ::1]", "float64[:, :, ::1]", "boolean[:, ::1]"
 
@@ -17,7 +17,7 @@ _LARGE = 2.0**400  # rows between 1/_LARGE and _LARGE can be divided by their sq
 
 
 def _kernel(*signature: str, returns: str = "void") -> Any:
-    return partial(compiled, f"{returns}({', '.join(signature)})")
+    return partial(CompiledLate, f"{returns}({', '.join(signature)})")
 
 
 @_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="UniTuple(boolean, 2)")

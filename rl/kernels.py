@@ -1,11 +1,14 @@
 """How rl's kernels are compiled. Only modules that hold kernels import this one, for it imports numba."""
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 
 import cpgrl_opt
+from cpgrl_opt.machine_code import CompiledLate
 from envs import interface
 from envs.interface.kernel_cache import forget_outdated_kernels
 
@@ -13,6 +16,12 @@ from envs.interface.kernel_cache import forget_outdated_kernels
 kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 # What only kernels call: compiled with them, and neither compiled nor loaded where a kernel comes from the cache.
 helper = numba.njit(nogil=True, error_model="numpy")
+
+
+def late(signature: str) -> Callable[[Any], CompiledLate]:
+    """A kernel that is compiled or loaded when it is first called, not when its module is imported."""
+    return lambda function: CompiledLate(signature, function)
+
 
 _HERE = Path(__file__).parent
 _FOLDERS = [_HERE / "policies", _HERE / "estimators"]

@@ -104,7 +104,7 @@ def skip_broken(parameters: Iterable[object]) -> None:
 
 def compile_projections() -> None:
     """The kernels of `cpgrl_opt`."""
-    import_module("cpgrl_opt.step_kernels")
+    _ = import_module("cpgrl_opt.direct_step").move.machine_code
     import_module("cpgrl_opt.solvers").compile_kernels()
 
 
@@ -112,6 +112,8 @@ def compile_rollouts() -> None:
     """The kernels of `rl` and `envs`."""
     for name in ("continuous_gpomdp", "continuous_konda", "finite_gpomdp", "finite_konda"):
         import_module(f"rl.estimators.{name}")
+    for kernel in ("advance", "learn"):
+        _ = getattr(import_module("rl.estimators.finite_gpomdp"), kernel).machine_code
     import_module("envs.arm_kernels")
 
 

@@ -19,7 +19,7 @@ from cpgrl_opt.arrays import Float
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 
-from ..kernels import helper, kernel
+from ..kernels import helper, late
 from ..policies import SoftmaxTable
 from .finite_rollout import contract, drawn, tabulate, transition_thresholds
 from .interface import Estimate
@@ -30,7 +30,6 @@ from .stored_average import StoredAverage, sum_of_weights
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
 
-_move = direct_step.move.machine_code
 _LANES = 4  # channels handled together, one vector register of float64
 _STEPS_AHEAD = 50_000  # of the environment in one call, at the most: about a millisecond
 
@@ -154,7 +153,7 @@ def _gather(visits, run, rewards, first, from_start, decay, following, rate, gat
                     gathered[visits[0, run], i + lane] += rewards[visits[0, run], i + lane]
 
 
-@kernel(
+@late(
     "void(float64[:, ::1], uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], "
     "float64, float64, float64, uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
 )
@@ -196,7 +195,10 @@ def advance(  # type: ignore[no-untyped-def]
             reward_sums[run, i] = sums[0, i]
 
 
-@kernel(
+_advance, _move = advance.helper, direct_step.move.helper
+
+
+@late(
     "int64(uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], float64, float64, "
     "float64, uint64[:, ::1], float64[:, ::1], float64[::1], boolean, boolean, boolean, float64, float64, float64, "
     "float64, float64, float64[:, :, ::1], float64[:, :, ::1], float64[:, :, :, ::1], float64[:, :, ::1], "
@@ -240,7 +242,7 @@ def learn(  # type: ignore[no-untyped-def]
     count, runs, n = change.shape
     slack = np.empty((runs, thresholds.size))
     for k in range(count):
-        advance(
+        _advance(
             parameters[k], transitions, rewards, start, steps, first, from_start, divisors, trace_decay, following,
             average_rate, random_states, averages, gradients[k], reward_sums[k],
         )  # fmt: skip

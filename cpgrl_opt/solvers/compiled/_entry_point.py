@@ -40,7 +40,7 @@ def _compiled(function: FunctionType) -> Any:
     from numba import njit
 
     wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return njit(error_model="numpy", forceinline=_INLINED[function], **wrappers)(_twin(function))
+    return njit(error_model="numpy", forceinline=_INLINED.get(function, False), **wrappers)(_twin(function))
 
 
 def _twin(function: FunctionType) -> FunctionType:
@@ -66,6 +66,11 @@ class EntryPoint:
         self.calls_to_interpret = 0
         self.run = compiled(self.signature, _twin(self.function), no_cfunc_wrapper=True)
         return self.run
+
+    @property
+    def helper(self) -> Any:
+        """For other compiled functions to call."""
+        return _compiled(self.function)
 
     def __call__(self, *arguments: Any) -> None:
         """In the form that suits the work so far."""
