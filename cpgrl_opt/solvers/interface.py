@@ -1,7 +1,6 @@
 """What a direction solver is, and how to ask one that declares little."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -95,6 +94,8 @@ def solve_batch(
     if (parts := min(threads, len(problems))) == 1:
         return _solve_stacked(solver, problems)
     ends = [len(problems) * k // parts for k in range(parts + 1)]
+    from concurrent.futures import ThreadPoolExecutor  # with `logging`: 6 ms that few need
+
     with ThreadPoolExecutor(parts) as pool:
         pieces = pool.map(lambda k: _solve_stacked(solver, problems[ends[k] : ends[k + 1]]), range(parts))
         return DirectionBatch.join(list(pieces))

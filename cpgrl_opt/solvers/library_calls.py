@@ -7,7 +7,6 @@ them changed, for the other threads. So each library is asked in a way in which 
 """
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
@@ -99,6 +98,8 @@ def call_highs(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
     that ask for another size (`threads`) end in an error. In a thread of our own we neither meet the caller's pool nor
     leave ours to the caller.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     from highspy import HighsModelStatus
 
     # The base class: what highspy.Highs adds are callbacks, and installing those prints the banner before any option.
