@@ -31,7 +31,7 @@ convex. With one they are sufficient too, the problem being convex; but which of
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -40,7 +40,6 @@ import numpy as np
 from ._exact_rest import find_rest, find_terms, split_rest
 from ._violation import (
     FARKAS_TOLERANCE,
-    Violation,
     excess_violation,
     farkas_residual,
     is_out_of_reach,
@@ -59,13 +58,11 @@ from .problem import DirectionProblem
 from .scaling import UnitRows, unit_rows
 from .units import in_units
 from .validation import real_values, require_shape
-from .vectors import Certificate, is_long
+from .vectors import Certificate
 
 __all__ = [
-    "FARKAS_TOLERANCE",
     "HasValueAndMultipliers",
     "KKTResiduals",
-    "Violation",
     "certified_residuals",
     "certify",
     "excess_violation",
@@ -150,23 +147,9 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     d, mu = real_values("direction.value", direction.value), real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
-    metric, radius = problem.metric, problem.radius
-    residuals = None
-    if metric is None and radius is None and is_long(problem.m, problem.n):
-        residuals = _measure_in_passes(problem, d, mu)
-    kappa = 1.0 if radius is None else float(getattr(direction, "radius_multiplier", 0.0))
-    if residuals is None and not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
-        return _HOPELESS
-    if residuals is None and metric is None:
-        residuals = _measure(problem, _look(problem, d, mu, kappa), mu, kappa)
-    if residuals is None:
-        units = in_units(problem, d)
-        problem, d, mu, kappa = units.problem, *units.inside(d, mu, kappa)
-        if metric is not None and metric.ndim == 1:
-            residuals = _measure(problem, _look(problem, d, mu, kappa), mu, kappa)
-    if residuals is None:
-        residuals = _measure(problem, _look(problem, d, mu, kappa, closely=True), mu, kappa)
-    return residuals or _HOPELESS
+    kappa = 1.0 if problem.radius is None else float(getattr(direction, "radius_multiplier", 0.0))
+    looks = (_measure(each, seen) for each, seen in _look_closer_and_closer(problem, d, mu, kappa))
+    return next((residuals for residuals in looks if residuals is not None), _HOPELESS)
 
 
 def certified_residuals(
@@ -182,8 +165,8 @@ def certified_residuals(
     off.
     """
     is_off = np.append(False, problem.bound == -np.inf)  # a multiplier there is wrong, whatever the row
-    seen = _read(certificate, problem, np.where(is_off & (lengths == 0.0), 1.0, lengths))
-    return _measure(problem, seen, multipliers, 1.0, doubtful=_ALLOWED) or _HOPELESS
+    seen = _read(certificate, problem, multipliers, np.where(is_off & (lengths == 0.0), 1.0, lengths))
+    return _measure(problem, seen, doubtful=_ALLOWED) or _HOPELESS
 
 
 def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool:
@@ -198,10 +181,12 @@ def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool
 class _Seen:
     """What there is to see of an answer where M = I, in the units of the problem.
 
-    rest: ‖r‖, r = κMd − g − Jᵀμ; strength: ‖g‖; length: ‖d‖; rows: Ĵ; bound: b̂; slack: Ĵd − b̂; exact: r and d, (n,),
-    where they are known in twice the precision.
+    mu: μ; kappa: κ, 1 without a radius; rest: ‖r‖, r = κMd − g − Jᵀμ; strength: ‖g‖; length: ‖d‖; rows: Ĵ; bound: b̂;
+    slack: Ĵd − b̂; exact: r and d, (n,), where they are known in twice the precision.
     """
 
+    mu: Multipliers
+    kappa: float
     rest: float
     strength: float
     length: float
@@ -209,6 +194,41 @@ class _Seen:
     bound: Multipliers
     slack: Multipliers
     exact: tuple[Vector, Vector] | None = None
+
+
+def _look_closer_and_closer(
+    problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float
+) -> Iterator[tuple[DirectionProblem, _Seen]]:
+    """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
+    metric = problem.metric
+    if metric is None and problem.radius is None and problem.is_long:
+        yield from _look_in_passes(problem, d, mu)
+    if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
+        return
+    if metric is None:
+        yield problem, _look(problem, d, mu, kappa)
+    units = in_units(problem, d)
+    problem, d, mu, kappa = units.problem, *units.inside(d, mu, kappa)
+    if metric is not None and metric.ndim == 1:
+        yield problem, _look(problem, d, mu, kappa)
+    yield problem, _look(problem, d, mu, kappa, closely=True)
+
+
+def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers) -> Iterator[tuple[DirectionProblem, _Seen]]:
+    """Over the vectors as they are; at nothing where a square leaves float64."""
+    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu)
+    sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
+    sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
+    if _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]:
+        yield problem, _read(certificate, problem, mu, lengths)
+
+
+def _read(
+    certificate: Certificate, problem: DirectionProblem, mu: Multipliers, lengths: Float[np.ndarray, "channels"]
+) -> _Seen:
+    rows = UnitRows(np.empty((problem.m, 0)), lengths[1:], np.ones(problem.m))
+    bound, slack = rows.per_length(problem.bound), rows.per_length(certificate.products - problem.bound)
+    return _Seen(mu, 1.0, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 
 
 def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *, closely: bool = False) -> _Seen:
@@ -221,47 +241,28 @@ def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *
         bound = rows.per_length(problem.bound)
         strength, length, slack = norm(g), norm(x), rows.jacobian @ x - bound
         if not closely:
-            return _Seen(norm(kappa * x - g - mu @ J), strength, length, rows, bound, slack)
+            return _Seen(mu, kappa, norm(kappa * x - g - mu @ J), strength, length, rows, bound, slack)
         if L is not None and M is not None and M.ndim == 2:
             rest, length, slack = find_terms(problem, M, d, mu, kappa)
             rest, slack = L.gradient(rest), rows.per_length(slack)
         else:
             rest = find_rest(g, J, Pair(x, np.zeros_like(x)), mu, kappa)
-        return _Seen(norm(rest), strength, length, rows, bound, slack, (rest, x))
+        return _Seen(mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
 
 
-def _read(certificate: Certificate, problem: DirectionProblem, lengths: Float[np.ndarray, "channels"]) -> _Seen:
-    """The same from passes over long vectors."""
-    rows = UnitRows(np.empty((problem.m, 0)), lengths[1:], np.ones(problem.m))
-    bound, slack = rows.per_length(problem.bound), rows.per_length(certificate.products - problem.bound)
-    return _Seen(certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
-
-
-def _measure_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers) -> KKTResiduals | None:
-    """Over the vectors as they are; None where a square leaves float64, or where `_measure` says so."""
-    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu)
-    sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
-    sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
-    if not (_SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]):
-        return None
-    return _measure(problem, _read(certificate, problem, lengths), mu, 1.0)
-
-
-def _measure(
-    problem: DirectionProblem, seen: _Seen, mu: Multipliers, kappa: float, *, doubtful: float = _DOUBTFUL
-) -> KKTResiduals | None:
+def _measure(problem: DirectionProblem, seen: _Seen, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | None:
     """The four residuals; None where a number leaves float64, or rounding of large multipliers hides r."""
     if not seen.rest < math.inf:
         return None
-    length, force = _choose_units(problem, seen, mu, kappa)
+    length, force = _choose_units(problem, seen)
     if problem.radius is None and force == 0.0:  # g = d = 0: nothing to be relative to
         violated = np.where(problem.equality, seen.bound != 0.0, seen.bound > 0.0).any()
         return KKTResiduals(0.0, math.inf if violated else 0.0, 0.0, 0.0)
     pull, room = 0.0, math.inf  # of the ball, as μ̂ and the slack are of a row
     if problem.radius is not None:
-        pull, room = kappa / force * length, (problem.radius - seen.length) / length
+        pull, room = seen.kappa / force * length, (problem.radius - seen.length) / length
     with np.errstate(over="ignore", invalid="ignore"):
-        mu, slack = seen.rows.times_length(mu, force), seen.slack / length
+        mu, slack = seen.rows.times_length(seen.mu, force), seen.slack / length
         stationarity = _forgive_rounding(seen, mu, pull, force, doubtful)
     in_range = _SAFE_UNIT[0] < min(length, force) and max(length, force) < _SAFE_UNIT[1]
     if not (stationarity < math.inf and (in_range or seen.exact)):
@@ -289,12 +290,12 @@ def _forgive_rounding(seen: _Seen, mu: Multipliers, pull: float, force: float, d
     return math.hypot(outside, max(inside - min(rounding, _ALLOWED), 0.0))
 
 
-def _choose_units(problem: DirectionProblem, seen: _Seen, mu: Multipliers, kappa: float) -> tuple[float, float]:
+def _choose_units(problem: DirectionProblem, seen: _Seen) -> tuple[float, float]:
     """λ and γ of the module's head."""
     if problem.radius is None:
         sigma = max(seen.strength, seen.length)
         return sigma, sigma
     named = np.abs(seen.bound[(seen.bound != 0.0) & np.isfinite(seen.bound)])
     length = max(seen.length, float(named.min(initial=problem.radius)))
-    force = seen.strength or max(largest(np.abs(seen.rows.times_length(mu))), abs(kappa) * length)
+    force = seen.strength or max(largest(np.abs(seen.rows.times_length(seen.mu))), abs(seen.kappa) * length)
     return length, force or 1.0
