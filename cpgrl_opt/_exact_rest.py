@@ -19,9 +19,9 @@ from .metric import Metric
 from .problem import DirectionProblem
 from .scaling import lengths
 
-# Singular values of unit rows below it are rounding, which leaves √m eps of those of rows that depend: with 1e-16 they
-# would span a direction that they do not. With 1e-9 rows 1e-10 rad apart would be one, and what rounding leaves of a
-# right answer's r along their difference be called an error.
+# Singular values of unit rows below it are rounding. With 1e-17 rows that depend but for rounding would span a
+# direction that they do not. Upwards nothing changed up to 1e-3: what rounding leaves of a right r is along the rows,
+# and not along the small difference of two.
 _RANK = 1e-13
 _BLOCK = 8192  # numbers of each vector at a time: the dozen arrays that a product in pairs takes stay in a cache
 

@@ -150,6 +150,15 @@ def test_multipliers_that_cancel_excuse_no_error_outside_the_span_of_their_rows(
     assert kkt_residuals(problem, answer(right, mu, kappa)).worst <= 1e-12
 
 
+def test_rows_that_oppose_each_other_but_for_rounding_span_one_direction():
+    """μ leaves nothing to be excused at a right angle to them, though Ĵ has two singular values, √2 and 4e-17."""
+    rows = np.array([[0.1, 0.3], [-0.3, -0.9]])
+    across = np.array([0.3, -0.1]) / np.sqrt(0.1)
+    problem = DirectionProblem(across, rows)
+    found = kkt_residuals(problem, answer(across * 1.000009, np.array([3e9, 1e9]), 0.0))
+    assert found.stationarity == pytest.approx(9e-6, rel=1e-2)
+
+
 def test_rounding_of_multipliers_is_allowed_no_more_than_1e_5_along_their_rows():
     """μ = (1e14, 1e14) has digits of 1/64, and more than 0.1 of r might be these; d is off by 0.1 along the rows."""
     problem = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]])
