@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import Multipliers, Vector
 from .problem import DirectionProblem, euclidean
-from .scaling import lengths, unit_rows
+from .scaling import norm, unit_rows
 from .units import in_units
 from .validation import real_values, require_shape
 
@@ -200,13 +200,6 @@ def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Ve
     d, _, _ = units.inside(d, np.zeros(problem.m), 0.0)
     whitened = d if units.problem.whitening is None else units.problem.whitening.direction(d)
     return euclidean(units.problem), whitened, units.problem.radius
-
-
-def norm(vector: np.ndarray) -> float:
-    """‖v‖₂, without the overhead of `lengths` where the square neither over- nor underflows."""
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        square = float(vector @ vector)
-    return math.sqrt(square) if 1e-280 < square < 1e280 else float(lengths(vector))
 
 
 def largest(values: np.ndarray) -> float:

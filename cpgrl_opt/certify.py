@@ -8,8 +8,8 @@ With unit rows Ĵᵢ = Jᵢ/‖Jᵢ‖, b̂ᵢ = bᵢ/‖Jᵢ‖, μ̂ᵢ = μ�
     stationarity     (‖d − g − Jᵀμ‖ − min(8·eps·Σ|μ̂ᵢ|, 1e-5·σ))₊ / σ
 
 The allowance is for what μ itself loses in float64. Where it exceeds 1e-13·σ, the rest is formed in twice the
-precision, and only its part in the span of the rows is allowed anything: see `_exact_rest`. With g = d = 0 there is no
-σ: primal is then infinite or 0, and the others are 0.
+precision, and only its part in the span of the rows is allowed anything (see `_forgive_rounding`). With g = d = 0
+there is no σ: primal is then infinite or 0, and the others are 0.
 
 In a metric M = LLᵀ all of it is measured where M = I: on Lᵀd, L⁻¹g and JL⁻ᵀ, with the same μ. Lengths of directions
 are then √(dᵀMd), those of gradients and rows √(gᵀM⁻¹g), whatever L and whatever the units of single parameters, and
@@ -31,13 +31,12 @@ convex. With one they are sufficient too, the problem being convex; but which of
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ._exact_rest import find_rest, find_terms, split_rest
+from ._evidence import Evidence, look_closer_and_closer, read_certificate
 from ._violation import (
     FARKAS_TOLERANCE,
     excess_violation,
@@ -46,17 +45,14 @@ from ._violation import (
     largest,
     least_violation_residual,
     misses_a_bound,
-    norm,
     proof_tolerance,
     violation,
     violation_tolerance,
 )
 from .arrays import Float, Multipliers, Vector
-from .compensated import Pair
 from .direction import Direction, KKTResiduals, Status
 from .problem import DirectionProblem
-from .scaling import UnitRows, unit_rows
-from .units import in_units
+from .scaling import norm
 from .validation import real_values, require_shape
 from .vectors import Certificate
 
@@ -77,8 +73,6 @@ __all__ = [
 ]
 
 _EPS = float(np.finfo(np.float64).eps)
-# Lengths of vectors whose squares, and sums of these, neither over- nor underflow: 1e±154 would, for one number.
-_SAFE_LENGTH = (1e-140, 1e140)
 # Units in which float64 has all its digits: below 1e-292 the last ones of a force are subnormal.
 _SAFE_UNIT = (1e-290, 1.7e308)
 # Rounding of μ, in the unit of r, from which on r is formed in twice the precision, and its part outside the span of
@@ -88,6 +82,10 @@ _DOUBTFUL = 1e-13
 # Most that rounding of μ is allowed of r in the span of the rows. With 1e-6 right answers between rows 1e-11 rad from
 # opposing are refused, with 1e-4 a wrong one passes whose error is seen in a figure.
 _ALLOWED = 1e-5
+# Singular values of unit rows below it are rounding. With 1e-17 rows that depend but for rounding would span a
+# direction that they do not. Upwards nothing changed up to 1e-3: what rounding leaves of a right r is along the rows,
+# and not along the small difference of two.
+_RANK = 1e-13
 # What a sum of pairs loses, of each row's and all multipliers' (Σ|μ̂| + |κ̂|): counted as an error, so that no μ̂ is too
 # large to be judged. A hundredth of it would be less than is lost; with 2⁻⁹² an error of 1e-9 is seen where μ̂ = 1e19.
 _LOST_IN_PAIRS = 2.0**-102
@@ -148,8 +146,8 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
     kappa = 1.0 if problem.radius is None else float(getattr(direction, "radius_multiplier", 0.0))
-    looks = (_measure(each, seen) for each, seen in _look_closer_and_closer(problem, d, mu, kappa))
-    return next((residuals for residuals in looks if residuals is not None), _HOPELESS)
+    measured = map(_measure, look_closer_and_closer(problem, d, mu, kappa))
+    return next((residuals for residuals in measured if residuals is not None), _HOPELESS)
 
 
 def certified_residuals(
@@ -165,8 +163,8 @@ def certified_residuals(
     off.
     """
     is_off = np.append(False, problem.bound == -np.inf)  # a multiplier there is wrong, whatever the row
-    seen = _read(certificate, problem, multipliers, np.where(is_off & (lengths == 0.0), 1.0, lengths))
-    return _measure(problem, seen, doubtful=_ALLOWED) or _HOPELESS
+    seen = read_certificate(certificate, problem, multipliers, np.where(is_off & (lengths == 0.0), 1.0, lengths))
+    return _measure(seen, doubtful=_ALLOWED) or _HOPELESS
 
 
 def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool:
@@ -177,97 +175,24 @@ def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """What there is to see of an answer where M = I, in the units of the problem.
-
-    mu: μ; kappa: κ, 1 without a radius; rest: ‖r‖, r = κMd − g − Jᵀμ; strength: ‖g‖; length: ‖d‖; rows: Ĵ; bound: b̂;
-    slack: Ĵd − b̂; exact: r and d, (n,), where they are known in twice the precision.
-    """
-
-    mu: Multipliers
-    kappa: float
-    rest: float
-    strength: float
-    length: float
-    rows: UnitRows
-    bound: Multipliers
-    slack: Multipliers
-    exact: tuple[Vector, Vector] | None = None
-
-
-def _look_closer_and_closer(
-    problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float
-) -> Iterator[tuple[DirectionProblem, _Seen]]:
-    """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
-    metric = problem.metric
-    if metric is None and problem.radius is None and problem.is_long:
-        yield from _look_in_passes(problem, d, mu)
-    if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
-        return
-    if metric is None:
-        yield problem, _look(problem, d, mu, kappa)
-    units = in_units(problem, d)
-    problem, d, mu, kappa = units.problem, *units.inside(d, mu, kappa)
-    if metric is not None and metric.ndim == 1:
-        yield problem, _look(problem, d, mu, kappa)
-    yield problem, _look(problem, d, mu, kappa, closely=True)
-
-
-def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers) -> Iterator[tuple[DirectionProblem, _Seen]]:
-    """Over the vectors as they are; at nothing where a square leaves float64."""
-    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu)
-    sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
-    sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
-    if _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]:
-        yield problem, _read(certificate, problem, mu, lengths)
-
-
-def _read(
-    certificate: Certificate, problem: DirectionProblem, mu: Multipliers, lengths: Float[np.ndarray, "channels"]
-) -> _Seen:
-    rows = UnitRows(np.empty((problem.m, 0)), lengths[1:], np.ones(problem.m))
-    bound, slack = rows.per_length(problem.bound), rows.per_length(certificate.products - problem.bound)
-    return _Seen(mu, 1.0, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
-
-
-def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *, closely: bool = False) -> _Seen:
-    """In float64; or closely, the problem being in its units, as if in twice the precision, a full metric by itself."""
-    g, J, x, L, M = problem.gradient, problem.jacobian, d, problem.whitening, problem.metric
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        if L is not None:
-            g, J, x = L.gradient(g), L.rows(J), L.direction(d)
-        rows = unit_rows(J)
-        bound = rows.per_length(problem.bound)
-        strength, length, slack = norm(g), norm(x), rows.jacobian @ x - bound
-        if not closely:
-            return _Seen(mu, kappa, norm(kappa * x - g - mu @ J), strength, length, rows, bound, slack)
-        if L is not None and M is not None and M.ndim == 2:
-            rest, length, slack = find_terms(problem, M, d, mu, kappa)
-            rest, slack = L.gradient(rest), rows.per_length(slack)
-        else:
-            rest = find_rest(g, J, Pair(x, np.zeros_like(x)), mu, kappa)
-        return _Seen(mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
-
-
-def _measure(problem: DirectionProblem, seen: _Seen, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | None:
+def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | None:
     """The four residuals; None where a number leaves float64, or rounding of large multipliers hides r."""
     if not seen.rest < math.inf:
         return None
-    length, force = _choose_units(problem, seen)
-    if problem.radius is None and force == 0.0:  # g = d = 0: nothing to be relative to
-        violated = np.where(problem.equality, seen.bound != 0.0, seen.bound > 0.0).any()
+    radius, inequality = seen.problem.radius, ~seen.problem.equality
+    length, force = _choose_units(seen)
+    if radius is None and force == 0.0:  # g = d = 0: nothing to be relative to
+        violated = np.where(inequality, seen.bound > 0.0, seen.bound != 0.0).any()
         return KKTResiduals(0.0, math.inf if violated else 0.0, 0.0, 0.0)
     pull, room = 0.0, math.inf  # of the ball, as μ̂ and the slack are of a row
-    if problem.radius is not None:
-        pull, room = seen.kappa / force * length, (problem.radius - seen.length) / length
+    if radius is not None:
+        pull, room = seen.kappa / force * length, (radius - seen.length) / length
     with np.errstate(over="ignore", invalid="ignore"):
         mu, slack = seen.rows.times_length(seen.mu, force), seen.slack / length
         stationarity = _forgive_rounding(seen, mu, pull, force, doubtful)
     in_range = _SAFE_UNIT[0] < min(length, force) and max(length, force) < _SAFE_UNIT[1]
     if not (stationarity < math.inf and (in_range or seen.exact)):
         return None
-    inequality = ~problem.equality
     return KKTResiduals(
         stationarity=stationarity,
         primal=max(0.0, largest(np.where(inequality, -slack, np.abs(slack))), -room),
@@ -276,8 +201,12 @@ def _measure(problem: DirectionProblem, seen: _Seen, *, doubtful: float = _DOUBT
     )
 
 
-def _forgive_rounding(seen: _Seen, mu: Multipliers, pull: float, force: float, doubtful: float) -> float:
-    """‖r‖/γ without what rounding of μ̂ and κ̂ explains, in units of γ; NaN where that is not to be told in float64."""
+def _forgive_rounding(seen: Evidence, mu: Multipliers, pull: float, force: float, doubtful: float) -> float:
+    """‖r‖/γ without what rounding of μ̂ and κ̂, in units of γ, explains; NaN where float64 does not tell.
+
+    r is split, r_in in the span of the rows (and of d, where κ ≠ 0), r_out beside it: to change μ in its last digits
+    changes r_in by up to eps Σ|μ̂|, and r_out not at all: that is an error of d, whatever μ.
+    """
     total = float(np.abs(mu).sum()) + abs(pull)
     rounding, inside, outside = 8 * _EPS * total, seen.rest / force, 0.0
     if not rounding < doubtful:
@@ -285,17 +214,25 @@ def _forgive_rounding(seen: _Seen, mu: Multipliers, pull: float, force: float, d
             return math.nan
         rest, d = seen.exact
         along = d / (norm(d) or 1.0) if pull != 0.0 else np.zeros_like(d)
-        inside, outside = split_rest(rest / force, np.vstack([seen.rows.jacobian[mu != 0.0], along]))
+        inside, outside = _split(rest / force, np.vstack([seen.rows.jacobian[mu != 0.0], along]))
         outside += _LOST_IN_PAIRS * (2 + len(mu)) * total
     return math.hypot(outside, max(inside - min(rounding, _ALLOWED), 0.0))
 
 
-def _choose_units(problem: DirectionProblem, seen: _Seen) -> tuple[float, float]:
+def _choose_units(seen: Evidence) -> tuple[float, float]:
     """λ and γ of the module's head."""
-    if problem.radius is None:
+    if seen.problem.radius is None:
         sigma = max(seen.strength, seen.length)
         return sigma, sigma
     named = np.abs(seen.bound[(seen.bound != 0.0) & np.isfinite(seen.bound)])
-    length = max(seen.length, float(named.min(initial=problem.radius)))
+    length = max(seen.length, float(named.min(initial=seen.problem.radius)))
     force = seen.strength or max(largest(np.abs(seen.rows.times_length(seen.mu))), abs(seen.kappa) * length)
     return length, force or 1.0
+
+
+def _split(rest: Vector, directions: Float[np.ndarray, "k n"]) -> tuple[float, float]:
+    """(‖r_in‖, ‖r_out‖), the directions being those that r may be changed along, each of length 1 or 0."""
+    _, values, basis = np.linalg.svd(directions, full_matrices=False)
+    basis = basis[values > _RANK]
+    coordinates = basis @ rest
+    return norm(coordinates), norm(rest - coordinates @ basis)

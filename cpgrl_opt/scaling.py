@@ -1,5 +1,6 @@
 """Lengths of vectors and unit rows, by the largest entry first: 1e±170 neither over- nor underflows."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +61,13 @@ def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch
     safe = (squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1])
     with np.errstate(over="ignore"):  # infinite beyond 1.8e308: callers refuse it
         return np.asarray(np.where(safe, np.sqrt(squares), largest * relative))
+
+
+def norm(vector: np.ndarray) -> float:
+    """‖v‖₂, without the overhead of `lengths` where the square neither over- nor underflows."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        square = float(vector @ vector)
+    return math.sqrt(square) if _SAFE_SQUARES[0] < square < _SAFE_SQUARES[1] else float(lengths(vector))
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:

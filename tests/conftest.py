@@ -60,7 +60,7 @@ jaxtyping.install_import_hook(
         "cpgrl_opt.active_set",
         "cpgrl_opt.direction",
         "cpgrl_opt.formulation",
-        "cpgrl_opt._exact_rest",
+        "cpgrl_opt._evidence",
         "cpgrl_opt._violation",
         "cpgrl_opt.certify",
         "cpgrl_opt.linearization",

@@ -50,7 +50,7 @@ MUTATIONS = {
         "cpgrl_opt/test_step.py::test_equality_is_the_papers_update",
     ),
     "the referee has the multipliers' sign of eq. 7": Mutation(
-        "cpgrl_opt/certify.py",
+        "cpgrl_opt/_evidence.py",
         "kappa * x - g - mu @ J",
         "kappa * x - g + mu @ J",
         "cpgrl_opt/test_certify.py",

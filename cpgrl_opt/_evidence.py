@@ -1,0 +1,125 @@
+"""What there is to see of an answer (d, μ, κ), in whatever geometry: all that the referee measures.
+
+    r = κMd − g − Jᵀμ,     Jᵢd − bᵢ,     ‖g‖,     √(dᵀMd)        κ = 1 without a radius
+
+A metric M = LLᵀ is a change of coordinates, Lᵀd, L⁻¹g and JL⁻ᵀ, in units where all numbers are about 1 (see `units`).
+What float64 does not tell is formed as if in twice the precision. Two things ask for it. In a full metric up to cond(M)
+of the parts cancel: M itself is used, and L only to measure what is left, so that rounding of L hides no error. With
+multipliers μ̂ᵢ = 1e10 float64 leaves 1e-6 in r, where an error of d could hide.
+Source: Wilkinson 1963, Rounding Errors in Algebraic Processes (the residual in twice the precision).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Float, Jacobian, Multipliers, Vector
+from .compensated import Pair, products
+from .metric import Metric
+from .problem import DirectionProblem
+from .scaling import UnitRows, norm, unit_rows
+from .units import in_units
+from .vectors import Certificate
+
+# Lengths of vectors whose squares, and sums of these, neither over- nor underflow: 1e±154 would, for one number.
+_SAFE_LENGTH = (1e-140, 1e140)
+_BLOCK = 8192  # numbers of each vector at a time: the dozen arrays that a product in pairs takes stay in a cache
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is seen of an answer to the problem, which may be in units of its own; where M = I.
+
+    mu: μ; kappa: κ, 1 without a radius; rest: ‖r‖, r = κMd − g − Jᵀμ; strength: ‖g‖; length: ‖d‖; rows: Ĵ; bound: b̂;
+    slack: Ĵd − b̂; exact: r and d, (n,), where they are known in twice the precision.
+    """
+
+    problem: DirectionProblem
+    mu: Multipliers
+    kappa: float
+    rest: float
+    strength: float
+    length: float
+    rows: UnitRows
+    bound: Multipliers
+    slack: Multipliers
+    exact: tuple[Vector, Vector] | None = None
+
+
+def look_closer_and_closer(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
+    """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
+    metric = problem.metric
+    if metric is None and problem.radius is None and problem.is_long:
+        yield from _look_in_passes(problem, d, mu)
+    if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
+        return
+    if metric is None:
+        yield _look(problem, d, mu, kappa)
+    units = in_units(problem, d)
+    problem, d, mu, kappa = units.problem, *units.inside(d, mu, kappa)
+    if metric is not None and metric.ndim == 1:
+        yield _look(problem, d, mu, kappa)
+    yield _look(problem, d, mu, kappa, closely=True)
+
+
+def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers) -> Iterator[Evidence]:
+    """Over the vectors as they are; at nothing where a square leaves float64."""
+    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu)
+    sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
+    sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
+    if _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]:
+        yield read_certificate(certificate, problem, mu, lengths)
+
+
+def read_certificate(
+    certificate: Certificate, problem: DirectionProblem, mu: Multipliers, lengths: Float[np.ndarray, "channels"]
+) -> Evidence:
+    """Of long vectors; lengths: of g and of each row."""
+    rows = UnitRows(np.empty((problem.m, 0)), lengths[1:], np.ones(problem.m))
+    bound, slack = rows.per_length(problem.bound), rows.per_length(certificate.products - problem.bound)
+    return Evidence(problem, mu, 1.0, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
+
+
+def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *, closely: bool = False) -> Evidence:
+    """In float64; or closely, the problem being in its units, as if in twice the precision, a full metric by itself."""
+    g, J, x, L, M = problem.gradient, problem.jacobian, d, problem.whitening, problem.metric
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        if L is not None:
+            g, J, x = L.gradient(g), L.rows(J), L.direction(d)
+        rows = unit_rows(J)
+        bound = rows.per_length(problem.bound)
+        strength, length, slack = norm(g), norm(x), rows.jacobian @ x - bound
+        if not closely:
+            return Evidence(problem, mu, kappa, norm(kappa * x - g - mu @ J), strength, length, rows, bound, slack)
+        if L is not None and M is not None and M.ndim == 2:
+            rest, length, slack = _find_terms(problem, M, d, mu, kappa)
+            rest, slack = L.gradient(rest), rows.per_length(slack)
+        else:
+            rest = _find_rest(g, J, Pair(x, np.zeros_like(x)), mu, kappa)
+        return Evidence(problem, mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
+
+
+def _find_rest(g: Vector, J: Jacobian, Md: Pair, mu: Multipliers, kappa: float) -> Vector:
+    """κMd − g − Jᵀμ, each number to 2⁻¹⁰⁰ or so of the largest of its terms."""
+    on, pushed, rest = mu != 0.0, Md.times(kappa), np.empty_like(g)
+    forces, J = np.append(-1.0, -mu[on]), J if on.all() else J[on]
+    for start in range(0, len(g), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        pulled = products(np.vstack([g[part], J[:, part]]).T, forces)
+        rest[part] = pulled.plus(Pair(pushed.hi[part], pushed.lo[part])).rounded()
+    return rest
+
+
+def _find_terms(
+    problem: DirectionProblem, M: Metric, d: Vector, mu: Multipliers, kappa: float
+) -> tuple[Vector, float, Multipliers]:
+    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is switched off; M: (n, n), the problem's."""
+    n, is_off = problem.n, problem.bound == -np.inf
+    reached = products(np.vstack([M, problem.jacobian]), d)
+    Md, Jd = (Pair(reached.hi[part], reached.lo[part]) for part in (slice(n), slice(n, None)))
+    square = float(products(np.array(Md), d).rounded().sum())
+    slack = Jd.plus(Pair(np.where(is_off, 0.0, -problem.bound), np.zeros(problem.m))).rounded()
+    rest = _find_rest(problem.gradient, problem.jacobian, Md, mu, kappa)
+    return rest, math.sqrt(square) if square > 0.0 else 0.0, np.where(is_off, np.inf, slack)
