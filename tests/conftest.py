@@ -110,10 +110,8 @@ def compile_projections() -> None:
 
 def compile_rollouts() -> None:
     """The kernels of `rl` and `envs`."""
-    for name in ("continuous_gpomdp", "continuous_konda", "finite_gpomdp", "finite_konda"):
+    for name in ("continuous_gpomdp", "continuous_konda", "finite_learning", "finite_konda"):
         import_module(f"rl.estimators.{name}")
-    for kernel in ("advance", "learn"):
-        _ = getattr(import_module("rl.estimators.finite_gpomdp"), kernel).machine_code
     import_module("envs.arm_kernels")
 
 

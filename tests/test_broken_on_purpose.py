@@ -62,7 +62,7 @@ MUTATIONS = {
         "rl/test_gpomdp.py::test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws",
     ),
     "the compiled trace decays twice": Mutation(
-        "rl/estimators/finite_gpomdp.py",
+        "rl/estimators/finite_gpomdp_kernels.py",
         "L0, L1, L2, L3 = r0 + decay * L0,",
         "L0, L1, L2, L3 = r0 + decay * decay * L0,",
         "rl/test_gpomdp.py::test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws",

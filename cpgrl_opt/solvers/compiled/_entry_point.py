@@ -58,7 +58,7 @@ class EntryPoint:
         self.function = function
         self.signature = signature
         self.calls_to_interpret, self.work_to_interpret = calls, work
-        self.run: Callable[..., None] = self  # machine code itself, once there is any: a frame less on the way
+        self.run: Callable[..., Any] = self  # machine code itself, once there is any: a frame less on the way
 
     @cached_property
     def machine_code(self) -> Any:
@@ -72,15 +72,14 @@ class EntryPoint:
         """For other compiled functions to call."""
         return _compiled(self.function)
 
-    def __call__(self, *arguments: Any) -> None:
+    def __call__(self, *arguments: Any) -> Any:
         """In the form that suits the work so far."""
         if self.calls_to_interpret > 0 and (more := work(arguments)) <= self.work_to_interpret:
             self.calls_to_interpret -= 1
             self.work_to_interpret -= more
             with np.errstate(all="ignore"):  # numba knows no warnings
-                self.function(*arguments)
-            return
-        self.machine_code(*arguments)
+                return self.function(*arguments)
+        return self.machine_code(*arguments)
 
 
 def work(arguments: tuple[Any, ...]) -> int:

@@ -1,0 +1,84 @@
+"""Episodes on a finite MDP with the usual update of θ after each, compiled: many in one call.
+
+Importing this module loads the kernels that it is made of, or compiles them.
+"""
+
+import numpy as np
+
+from cpgrl_opt.direct_step import move
+
+from ..kernels import kernel
+from .finite_gpomdp_kernels import advance
+
+_advance, _move = advance.machine_code, move.machine_code
+
+
+@kernel(
+    "int64(uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], float64, float64, "
+    "float64, uint64[:, ::1], float64[:, ::1], float64[::1], boolean, boolean, boolean, float64, float64, float64, "
+    "float64, float64, float64[:, :, ::1], float64[:, :, ::1], float64[:, :, :, ::1], float64[:, :, ::1], "
+    "boolean[:, :, ::1], int64[:, ::1], float64[:, :, ::1])"
+)
+def learn(  # type: ignore[no-untyped-def]
+    transitions,
+    rewards,
+    start,
+    steps,
+    first,
+    from_start,
+    divisors,
+    trace_decay,
+    following,
+    average_rate,
+    random_states,
+    averages,
+    thresholds,  # (m,)
+    tangent_solver,  # this and the next six as `move` has them
+    is_equality,
+    restores_inside,
+    step_size,
+    restoration_rate,
+    tolerance,
+    relative,
+    max_change,
+    parameters,  # (1 + K, B, n), the first given, the others filled
+    values,  # (K, B, 1 + m), filled, as are the others
+    gradients,  # (K, B, 1 + m, n)
+    reward_sums,  # (K, B, 1 + m)
+    active,  # (K, B, m)
+    flat,  # (K, B)
+    change,  # (K, B, n)
+):
+    """K episodes, each with the usual update of θ: 𝒜 = {i: ρⁱ ≤ Gⁱ}, then `move`.
+
+    Returns how many updates were made: where it is less than K, one more episode is there, whose update is not the
+    usual one, or not finite, or too far.
+    """
+    count, runs, n = change.shape
+    slack = np.empty((runs, thresholds.size))
+    for k in range(count):
+        _advance(
+            parameters[k], transitions, rewards, start, steps, first, from_start, divisors, trace_decay, following,
+            average_rate, random_states, averages, gradients[k], reward_sums[k],
+        )  # fmt: skip
+        usual = True
+        for run in range(runs):
+            for i in range(averages.shape[1]):
+                values[k, run, i] = averages[run, i]  # one by one: numba takes 4 s to compile a copy of arrays
+                usual = usual and abs(values[k, run, i]) < np.inf and abs(reward_sums[k, run, i]) < np.inf
+            for i in range(thresholds.size):
+                slack[run, i] = values[k, run, 1 + i] - thresholds[i]
+                active[k, run, i] = slack[run, i] <= 0.0
+                usual = usual and abs(slack[run, i]) < np.inf
+        usual = usual and _move(
+            gradients[k], slack, active[k], tangent_solver, is_equality, restores_inside, step_size, restoration_rate,
+            tolerance, relative, flat[k], change[k],
+        )  # fmt: skip
+        for run in range(runs):
+            for j in range(n):
+                parameters[k + 1, run, j] = parameters[k, run, j] + change[k, run, j]
+                near = abs(change[k, run, j]) <= max_change and abs(parameters[k + 1, run, j]) < np.inf
+                usual = usual and near
+        if not usual:
+            return k
+    return count
