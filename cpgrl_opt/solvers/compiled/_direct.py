@@ -33,6 +33,7 @@ OUTSIDE, INSIDE, COPIED, OFF = numbers(4)  # states of a constraint
 
 @inlined
 def prepare(
+    tangent: bool,
     problem: int,
     gradient: Floats,
     jacobian: Floats,
@@ -52,6 +53,8 @@ def prepare(
         at = first + i
         state[i] = INSIDE if equality[at] else (OFF if bound[at] == -inf else OUTSIDE)
         small[MU, i], small[WEIGHT, i] = 0.0, 0.0
+        if tangent and state[i] == OUTSIDE:
+            return False
         length = sqrt(inner(jacobian, at, jacobian, at))
         if not (bound[at] < inf and length < SAFE and (length > 1.0 / SAFE or state[i] == OFF)):
             return False
@@ -109,42 +112,53 @@ def solve(factor: Floats, small: Floats, size: int) -> None:
 
 
 @inlined
-def next_exchange(
-    gram: Floats, small: Floats, state: Integers, order: Integers, size: int, equality: Booleans, first: int
-) -> int:
-    """The inequality whose multiplier is most negative, or else the one violated most, or else −1."""
+def most_negative(small: Floats, order: Integers, size: int, equality: Booleans, first: int) -> int:
+    """The inequality of 𝒜 whose multiplier is most negative, or −1."""
     worst, found = 0.0, -1
     for k in range(size):
         if small[X, k] < worst and not equality[first + order[k]]:
             worst, found = small[X, k], order[k]
-    if found < 0:
-        for i in range(gram.shape[0]):
-            if state[i] == OUTSIDE:
-                violation, total = small[OFFSET, i], abs(small[OFFSET, i])
-                for k in range(size):
-                    violation -= gram[i, order[k]] * small[X, k]
-                    total += abs(small[X, k])
-                if violation > worst and violation > VERTEX * total:
-                    worst, found = violation, i
+    return found
+
+
+@inlined
+def most_violated(gram: Floats, small: Floats, state: Integers, order: Integers, size: int) -> int:
+    """The inequality outside 𝒜 that is violated most, or −1."""
+    worst, found = 0.0, -1
+    for i in range(gram.shape[0]):
+        if state[i] == OUTSIDE:
+            violation, total = small[OFFSET, i], abs(small[OFFSET, i])
+            for k in range(size):
+                violation -= gram[i, order[k]] * small[X, k]
+                total += abs(small[X, k])
+            if violation > worst and violation > VERTEX * total:
+                worst, found = violation, i
     return found
 
 
 @inlined
 def find_active_set(
-    gram: Floats, factor: Floats, small: Floats, state: Integers, order: Integers, equality: Booleans, first: int
+    usable: bool,
+    gram: Floats,
+    factor: Floats,
+    small: Floats,
+    state: Integers,
+    order: Integers,
+    equality: Booleans,
+    first: int,
 ) -> tuple[int, int]:
     """How many rows 𝒜 has, −1 where rows nearly depend or exchanges have no end; and exchanges. μ̂_𝒜 into X."""
-    m = gram.shape[0]
-    size, changes, found = 0, -1, 0
+    size, changes, found = -1, -1, 0 if usable else -1
     while found >= 0:
         changes += 1
         size = factorize(gram, factor, small, state, order)
-        if size < 0 or changes > 2 * m:
-            return -1, changes
+        size = -1 if changes > 2 * gram.shape[0] else size
         for k in range(size):
             small[X, k] = small[OFFSET, order[k]]
         solve(factor, small, size)
-        found = next_exchange(gram, small, state, order, size, equality, first)
+        found = most_negative(small, order, size, equality, first)
+        if found < 0 and size >= 0:
+            found = most_violated(gram, small, state, order, size)
         if found >= 0:
             state[found] = OUTSIDE if state[found] == INSIDE else INSIDE
     return size, changes
@@ -152,14 +166,14 @@ def find_active_set(
 
 @inlined
 def add_rows(
-    out: Floats, at: int, sign: float, jacobian: Floats, first: int, weights: Floats, order: Integers, size: int
+    out: Floats, at: int, sign: float, jacobian: Floats, first: int, small: Floats, order: Integers, size: int
 ) -> None:
     """Row `at` of out += sign · Jᵀw over 𝒜; three rows at a time, for each number of out to be loaded less often."""
     for k in range(0, size, 3):
         a, b, c = order[k], order[min(k + 1, size - 1)], order[min(k + 2, size - 1)]
-        u = sign * weights[a]
-        v = sign * weights[b] if k + 1 < size else 0.0
-        w = sign * weights[c] if k + 2 < size else 0.0
+        u = sign * small[WEIGHT, a]
+        v = sign * small[WEIGHT, b] if k + 1 < size else 0.0
+        w = sign * small[WEIGHT, c] if k + 2 < size else 0.0
         for j in range(jacobian.shape[1]):
             out[at, j] += u * jacobian[first + a, j] + v * jacobian[first + b, j] + w * jacobian[first + c, j]
 
@@ -195,12 +209,49 @@ def measure(
 
 
 @inlined
-def answer(
+def begin(problem: int, gradient: Floats, value: Floats) -> None:
+    """d ← g."""
+    for j in range(value.shape[1]):
+        value[problem, j] = gradient[problem, j]
+
+
+@inlined
+def move(
+    problem: int,
+    jacobian: Floats,
+    small: Floats,
+    state: Integers,
+    order: Integers,
+    size: int,
+    value: Floats,
+    outside: bool,
+) -> None:
+    """μ̂ += X, d with it; slack of the rows of 𝒜, and of those outside where these are asked for."""
+    first = problem * small.shape[1]
+    for k in range(size):
+        i = order[k]
+        small[MU, i] += small[X, k]
+        small[WEIGHT, i] = small[X, k] * small[SCALE, i]
+    add_rows(value, problem, 1.0, jacobian, first, small, order, size)
+    for i in range(small.shape[1]):
+        if state[i] == INSIDE or (outside and state[i] != OFF):
+            small[SLACK, i] = inner(jacobian, first + i, value, problem) * small[SCALE, i] - small[BOUND, i]
+
+
+@inlined
+def correct(factor: Floats, small: Floats, order: Integers, size: int) -> None:
+    """X ← the change of μ̂ that would take away the slack of the rows of 𝒜."""
+    for k in range(size):
+        small[X, k] = -small[SLACK, order[k]]
+    solve(factor, small, size)
+
+
+@inlined
+def judge(
     problem: int,
     gradient: Floats,
     jacobian: Floats,
     equality: Booleans,
-    factor: Floats,
     small: Floats,
     state: Integers,
     order: Integers,
@@ -209,35 +260,19 @@ def answer(
     rest: Floats,
     parts: Floats,
 ) -> float:
-    """d and μ of 𝒜, corrected once by what d leaves of b̂ − Ĵd; residuals into parts, the worst returned."""
-    m, n = small.shape[1], value.shape[1]
-    first = problem * m
-    for j in range(n):
-        value[problem, j] = gradient[problem, j]
-    for correction in range(2):
-        for k in range(size):
-            i = order[k]
-            small[MU, i] += small[X, k]
-            small[WEIGHT, i] = small[X, k] * small[SCALE, i]
-        add_rows(value, problem, 1.0, jacobian, first, small[WEIGHT], order, size)
-        for i in range(m):
-            if state[i] == INSIDE or (correction == 1 and state[i] != OFF):
-                small[SLACK, i] = inner(jacobian, first + i, value, problem) * small[SCALE, i] - small[BOUND, i]
-        if correction == 0:
-            for k in range(size):
-                small[X, k] = -small[SLACK, order[k]]
-            solve(factor, small, size)
+    """μ into WEIGHT, the residuals of d and μ into parts; the worst of these."""
+    first = problem * small.shape[1]
     for k in range(size):
         i = order[k]
         if small[MU, i] < 0.0 and not equality[first + i]:
             small[MU, i] = 0.0
         small[WEIGHT, i] = small[MU, i] * small[SCALE, i]
-    for j in range(n):
+    for j in range(value.shape[1]):
         rest[0, j] = value[problem, j] - gradient[problem, j]
-    add_rows(rest, 0, -1.0, jacobian, first, small[WEIGHT], order, size)
+    add_rows(rest, 0, -1.0, jacobian, first, small, order, size)
     length, square = inner(gradient, problem, gradient, problem), inner(value, problem, value, problem)
-    sigma = sqrt(length if square <= length else square)
-    worst: float = measure(small, state, equality, first, sqrt(inner(rest, 0, rest, 0)), sigma, parts)
+    stationarity, sigma = sqrt(inner(rest, 0, rest, 0)), sqrt(length if square <= length else square)
+    worst: float = measure(small, state, equality, first, stationarity, sigma, parts)
     return worst
 
 
@@ -258,18 +293,19 @@ def solve_problem(
     rest: Floats,
     parts: Floats,
 ) -> tuple[float, int]:
-    """The worst residual of d, inf where there is none, and how often 𝒜 changed. tangent: takes no inequality."""
-    m = small.shape[1]
-    if not prepare(problem, gradient, jacobian, bound, equality, gram, small, state):
-        return inf, 0
-    for i in range(m):
-        if tangent and state[i] == OUTSIDE:
-            return inf, 0
-    size, changes = find_active_set(gram, factor, small, state, order, equality, problem * m)
-    if size < 0:
-        return inf, 0
-    worst = answer(problem, gradient, jacobian, equality, factor, small, state, order, size, value, rest, parts)
-    return worst, changes
+    """The worst residual of d, inf where there is none, and how often 𝒜 changed. tangent: takes no inequality.
+
+    The work is done by functions of a few loops each, one after the other for all problems. In longer ones, and where
+    they branch, numba counts references to each array, which takes a fifth of the time.
+    """
+    usable = prepare(tangent, problem, gradient, jacobian, bound, equality, gram, small, state)
+    size, changes = find_active_set(usable, gram, factor, small, state, order, equality, problem * small.shape[1])
+    begin(problem, gradient, value)
+    move(problem, jacobian, small, state, order, size, value, False)
+    correct(factor, small, order, size)  # once, by what d leaves of b̂ − Ĵd
+    move(problem, jacobian, small, state, order, size, value, True)
+    worst = judge(problem, gradient, jacobian, equality, small, state, order, size, value, rest, parts)
+    return worst if size >= 0 else inf, changes
 
 
 @entry_point(

@@ -108,7 +108,7 @@ def weigh(
         return
     for i in range(len(bound)):
         state[i] = OUTSIDE if state[i] == INSIDE and not equality[i] else state[i]
-    size, changes = find_active_set(gram, factor, small, state, order, equality, 0)
+    size, changes = find_active_set(True, gram, factor, small, state, order, equality, 0)
     if size >= 0:
         report[0] = changes
         weights[:] = 0.0
