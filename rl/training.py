@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpgrl_opt import Linearization
+from cpgrl_opt import ConstrainedStep, Linearization
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.step import Observer
 from cpgrl_opt.validation import is_finite, require_count
@@ -151,12 +151,15 @@ def _compiled(
 ) -> tuple[LearningEstimation | None, tuple[Any, ...]]:
     """Who makes usual updates without Python, and what it takes of the learner; None where nobody can.
 
-    An observer sees every direction problem, and a subclass may do anything. No update depends on the last one's 𝒜.
+    An observer sees every direction problem. Subclasses, and wrappers that hand attributes on, may do anything in code
+    of their own. No update depends on the last one's 𝒜.
     """
-    if course.observe is None and type(learner) is CPGRL and isinstance(estimation, LearningEstimation):
-        way = learner.step.usual_way(len(learner.thresholds), parameters.shape[1])
-        if way is not None:
-            return estimation, (learner.thresholds.copy(), *way, float(course.max_change))
+    if course.observe is not None or type(learner) is not CPGRL or type(learner.step) is not ConstrainedStep:
+        return None, ()
+    way = learner.step.usual_way(len(learner.thresholds), parameters.shape[1])
+    speaks_for_itself = {"episode", "learned_episodes"} <= vars(type(estimation)).keys()
+    if way is not None and speaks_for_itself and isinstance(estimation, LearningEstimation):
+        return estimation, (learner.thresholds.copy(), *way, float(course.max_change))
     return None, ()
 
 

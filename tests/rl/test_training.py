@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt import ConstrainedStep, Linearization, StepResult
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
 from rl import (
     CPGRL,
     GPOMDP,
     ConstraintSwitching,
     DivergenceError,
+    Estimate,
     ExactGradient,
     LearnerUpdate,
     LinearSoftmax,
@@ -150,19 +151,60 @@ def test_an_update_that_goes_too_far_ends_training_after_the_same_record_observe
     assert unobserved[0] > 20
 
 
-def test_thresholds_that_do_not_fit_and_a_subclass_of_the_learner_do_not_go_into_compiled_code() -> None:
-    settled = GPOMDP(bias_correction=False)
+SETTLED = GPOMDP(bias_correction=False)  # from the first episode on
+
+
+def test_thresholds_that_do_not_fit_do_not_go_into_compiled_code() -> None:
     with pytest.raises(ValueError, match=r"thresholds should have shape \(3,\); found \(2,\)"):
-        next(train(ThreeStateMDP(), SoftmaxTable(3, 3), settled, CPGRL(ConstrainedStep(), [0, 0]), episodes=1, runs=1))
+        next(train(ThreeStateMDP(), SoftmaxTable(3, 3), SETTLED, CPGRL(ConstrainedStep(), [0, 0]), episodes=1, runs=1))
 
-    class Still(CPGRL):
-        def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> LearnerUpdate:
-            update = super().update(linearization, memory, observe)
-            return replace(update, change=0.0 * update.change)
 
-    *_, record = train(
-        ThreeStateMDP(), SoftmaxTable(3, 3), settled, Still(ConstrainedStep(), [0, 0, 0]), episodes=3, runs=1
-    )
+class StillLearner(CPGRL):
+    def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> LearnerUpdate:
+        update = super().update(linearization, memory, observe)
+        return replace(update, change=0.0 * update.change)
+
+
+class StillStep(ConstrainedStep):
+    def __call__(self, *arguments: Any) -> StepResult:
+        result = super().__call__(*arguments)
+        return replace(result, change=0.0 * result.change)
+
+
+def still_step(*arguments: Any) -> StepResult:
+    return StillStep()(*arguments)
+
+
+class FlatEstimation:
+    """Hands everything on but the gradients."""
+
+    def __init__(self, inner: Any) -> None:
+        self.inner = inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+    def episode(self, parameters: np.ndarray) -> Estimate:
+        estimate = self.inner.episode(parameters)
+        return replace(estimate, gradients=0.0 * estimate.gradients)
+
+
+class FlatEstimator:
+    def start(self, *arguments: Any) -> FlatEstimation:
+        return FlatEstimation(SETTLED.start(*arguments))
+
+
+@pytest.mark.parametrize(
+    ("estimator", "learner"),
+    [
+        (SETTLED, StillLearner(ConstrainedStep(), [0, 0, 0])),
+        (SETTLED, CPGRL(StillStep(), [0, 0, 0])),
+        (SETTLED, CPGRL(still_step, [0, 0, 0])),  # type: ignore[arg-type]
+        (FlatEstimator(), CPGRL(ConstrainedStep(restoration_rate=0.0), [0, 0, 0])),
+    ],
+)
+def test_whoever_has_code_of_its_own_is_not_passed_over_by_compiled_code(estimator: Any, learner: Any) -> None:
+    *_, record = train(ThreeStateMDP(), SoftmaxTable(3, 3), estimator, learner, episodes=3, runs=2)
     assert not record.parameters.any()
 
 
