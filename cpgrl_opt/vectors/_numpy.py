@@ -16,6 +16,8 @@ from .interface import Certificate
 # n = 20 000 with one constraint and with five, at 3000 with fifteen, at 1000 with fifty.
 LEAST_PRODUCTS = 1_000_000
 
+_FLOAT64 = np.dtype(np.float64)
+
 
 def is_long(m: int, n: int) -> bool:
     """Whether a problem is reduced to its vectors' span first: n (1 + m) max(10, 1 + m) ≥ 10⁶ and n > 4 (1 + m)."""
@@ -103,23 +105,16 @@ class ArrayVectors:
     @cached_property
     def _where(self) -> np.ndarray:
         """Address of each vector, and bytes from one of its numbers to the next."""
-        g, J, where = self.gradient, self.jacobian, np.empty((1 + len(self.jacobian), 2), np.int64)
-        for array in (g, *J) if isinstance(J, tuple) else (g, J):  # what lies at an address nobody checks again
-            if array.dtype != np.float64 or array.shape[-1] != len(g):
+        g, J = self.gradient, self.jacobian
+        parts = (g, *J) if isinstance(J, tuple) else (g, J)
+        for array in parts:  # what lies at an address nobody checks again
+            if array.dtype != _FLOAT64 or array.shape[-1] != len(g):
                 raise ValueError(f"vectors should be of {len(g)} float64; found {array.dtype}, shape {array.shape}")
-        where[0] = _address(g), g.strides[0]
-        if isinstance(J, tuple):
-            for i, row in enumerate(J, 1):
-                where[i] = _address(row), row.strides[0]
-        else:
-            where[1:, 0] = _address(J) + J.strides[0] * np.arange(len(J))
-            where[1:, 1] = J.strides[1]
-        return where
-
-
-def _address(array: np.ndarray) -> int:
-    address: int = array.__array_interface__["data"][0]
-    return address
+        places = [(array.__array_interface__["data"][0], array.strides[-1]) for array in parts]
+        if not isinstance(J, tuple):
+            (start, step), to_next = places.pop(), J.strides[0]
+            places += [(start + i * to_next, step) for i in range(len(J))]
+        return np.array(places, np.int64)
 
 
 def _certificate(sums: np.ndarray) -> Certificate:
