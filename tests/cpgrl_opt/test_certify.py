@@ -150,6 +150,14 @@ def test_multipliers_that_cancel_excuse_no_error_outside_the_span_of_their_rows(
     assert kkt_residuals(problem, answer(right, mu, kappa)).worst <= 1e-12
 
 
+@pytest.mark.parametrize("size", [1e3, 1e5])
+def test_no_error_is_excused_because_it_is_small(size):
+    """What rounding of μ might leave is four times the error, which is at a right angle to the rows."""
+    problem, error = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]]), 4 * np.finfo(float).eps * size
+    found = kkt_residuals(problem, answer(np.array([0.0, 1.0 + error]), np.array([size, size]), 0.0))
+    assert found.stationarity == pytest.approx(error, rel=1e-2)
+
+
 def test_rows_that_oppose_each_other_but_for_rounding_span_one_direction():
     """μ leaves nothing to be excused at a right angle to them, though Ĵ has two singular values, √2 and 4e-17."""
     rows = np.array([[0.1, 0.3], [-0.3, -0.9]])
