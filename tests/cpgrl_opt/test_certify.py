@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, farkas_residual, kkt_residuals
-from cpgrl_opt.vectors import _numpy
+from cpgrl_opt.certify import certified_residuals
+from cpgrl_opt.vectors import Certificate, _numpy
 
 PROBLEM = DirectionProblem([1.0, -2.0], [[0.0, 3.0], [2.0, 0.0]], bound=[0.0, -5.0])
 OPTIMUM = ([1.0, 0.0], [2.0 / 3.0, 0.0])  # g pushed along the first row until it no longer points down
@@ -150,12 +151,20 @@ def test_multipliers_that_cancel_excuse_no_error_outside_the_span_of_their_rows(
     assert kkt_residuals(problem, answer(right, mu, kappa)).worst <= 1e-12
 
 
+def test_a_multiplier_of_a_row_that_is_off_is_wrong_in_a_certificate_too():
+    problem = DirectionProblem([1.0, 0.0], [[0.0, 1.0]], -np.inf)  # d = g + 2J
+    seen = Certificate(0.0, np.array([2.0]), np.sqrt(5.0))
+    found = certified_residuals(seen, problem, np.array([2.0]), np.array([1.0, 0.0]))
+    assert found.complementarity == pytest.approx(2.0 / np.sqrt(5.0))
+    assert (found.stationarity, found.primal, found.dual) == (0.0, 0.0, 0.0)
+
+
 @pytest.mark.parametrize("size", [1e3, 1e5])
 def test_no_error_is_excused_because_it_is_small(size):
     """What rounding of μ might leave is four times the error, which is at a right angle to the rows."""
     problem, error = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]]), 4 * np.finfo(float).eps * size
     found = kkt_residuals(problem, answer(np.array([0.0, 1.0 + error]), np.array([size, size]), 0.0))
-    assert found.stationarity == pytest.approx(error, rel=1e-2)
+    assert found.stationarity == pytest.approx(error, rel=1e-2, abs=0.0)
 
 
 def test_rows_that_oppose_each_other_but_for_rounding_span_one_direction():
