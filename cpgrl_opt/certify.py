@@ -73,8 +73,6 @@ __all__ = [
 ]
 
 _EPS = float(np.finfo(np.float64).eps)
-# Units in which float64 has all its digits: below 1e-292 the last ones of a force are subnormal.
-_SAFE_UNIT = (1e-290, 1.7e308)
 # Rounding of μ, in the unit of r, from which on r is formed in twice the precision, and its part outside the span of
 # the rows allowed nothing: a tenth of the smallest tolerance that anybody asks for. With 1e-12 an error of that
 # tolerance is excused; with 1e-14 multipliers of 6 are looked at closely, which takes four times as long.
@@ -190,8 +188,7 @@ def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | N
     with np.errstate(over="ignore", invalid="ignore"):
         mu, slack = seen.rows.times_length(seen.mu, force), seen.slack / length
         stationarity = _forgive_rounding(seen, mu, pull, force, doubtful)
-    in_range = _SAFE_UNIT[0] < min(length, force) and max(length, force) < _SAFE_UNIT[1]
-    if not (stationarity < math.inf and (in_range or seen.exact)):
+    if not (stationarity < math.inf and max(length, force) < math.inf):
         return None
     return KKTResiduals(
         stationarity=stationarity,

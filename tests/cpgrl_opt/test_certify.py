@@ -167,6 +167,28 @@ def test_no_error_is_excused_because_it_is_small(size):
     assert found.stationarity == pytest.approx(error, rel=1e-2, abs=0.0)
 
 
+def test_no_error_along_a_row_without_a_multiplier_is_excused():
+    problem = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]], [0.0, 0.0, -5.0])
+    found = kkt_residuals(problem, answer(np.array([0.0, 1.000001]), np.array([1e9, 1e9, 0.0]), 0.0))
+    assert found.stationarity == pytest.approx(1e-6, rel=1e-3, abs=0.0)
+
+
+def test_in_a_ball_the_part_along_d_may_be_rounding_too():
+    problem = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]], radius=1.0)
+    for size, least, most in ((1e9, 0.0, 1e-15), (1.0, 9e-7, 11e-7)):  # 8 eps Σ|μ̂| is 3.6e-6, and nothing
+        found = kkt_residuals(problem, answer(np.array([0.0, 1.0]), np.array([size, size]), 1.0 + 1e-6))
+        assert least <= found.stationarity <= most
+
+
+@pytest.mark.parametrize("radius", [None, 1e308])
+def test_lengths_beyond_float64_hide_no_error(radius):
+    problem = DirectionProblem([1.5e308, 1.5e308], [[1.0, 0.0]], equality=True, radius=radius)
+    assert kkt_residuals(problem, answer(problem.gradient, np.zeros(1), 1.0)).primal >= 0.5
+    if radius is None:
+        right = answer(np.array([0.0, 1.5e308]), np.array([-1.5e308]), 0.0)
+        assert kkt_residuals(problem, right).worst <= 1e-15
+
+
 def test_rows_that_oppose_each_other_but_for_rounding_span_one_direction():
     """μ leaves nothing to be excused at a right angle to them, though Ĵ has two singular values, √2 and 4e-17."""
     rows = np.array([[0.1, 0.3], [-0.3, -0.9]])
