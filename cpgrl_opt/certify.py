@@ -179,7 +179,7 @@ def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | N
         return None
     radius, inequality = seen.problem.radius, ~seen.problem.equality
     length, force = _choose_units(seen)
-    if radius is None and force == 0.0:  # g = d = 0: nothing to be relative to
+    if force == 0.0:  # g = d = 0, without a radius: nothing to be relative to
         violated = np.where(inequality, seen.bound > 0.0, seen.bound != 0.0).any()
         return KKTResiduals(0.0, math.inf if violated else 0.0, 0.0, 0.0)
     pull, room = 0.0, math.inf  # of the ball, as μ̂ and the slack are of a row
