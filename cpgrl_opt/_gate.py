@@ -102,6 +102,10 @@ def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.
     is_equality = _check_equality(equality, shape)
     if type(bound) is float and -np.inf < bound < np.inf:
         return _spread(bound, shape), is_equality
+    if type(bound) is np.ndarray and bound.dtype is _FLOAT64 and bound.shape == shape:
+        copied = read_only(bound.copy())
+        if isfinite(np.vdot(copied, copied)):
+            return copied, is_equality
     b = _of_each_row("bound", partial(real_array, ndim=None), bound, shape)
     if not (b < np.inf).all():  # NaN fails the comparison too
         raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
