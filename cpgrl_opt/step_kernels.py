@@ -79,6 +79,9 @@ def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any
         for j in range(n):
             largest = max(largest, abs(tangent[b, j]))
             limit = max(limit, abs(gradients[b, 0, j]))
+        if largest > relative * n * limit:  # the usual case, seen without a square
+            vanishing[b] = False
+            continue
         if largest > 0.0 and limit > 0.0:
             squares, square = 0.0, 0.0
             for j in range(n):
