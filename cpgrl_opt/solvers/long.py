@@ -9,12 +9,11 @@ import numpy as np
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem
 from ..reduction import EXACT, GATES
+from .compiled._long import judge, weigh
 
 
 def solve_usual(problem: DirectionProblem, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
-    from .compiled._long import judge, weigh  # compiled always: who never comes here need not load them
-
     m, K, report = problem.m, problem.vectors.gramian(), np.empty(4)
     small, index, weights = np.empty((8, m)), np.empty((2, m), np.int64), np.empty(1 + m)
     weigh.run(K, problem.bound, problem.equality, GATES, np.empty((2, m, m)), small, index, weights, report)
@@ -26,4 +25,4 @@ def solve_usual(problem: DirectionProblem, tolerance: float) -> Direction | None
     residuals = KKTResiduals(*report.tolist())
     if not residuals.worst <= min(tolerance, EXACT):
         return None
-    return Direction(value, weights[1:].copy(), Status.OPTIMAL, changes, 0.0, residuals, "gramian")
+    return Direction.found(value, weights[1:].copy(), Status.OPTIMAL, changes, residuals, "gramian")
