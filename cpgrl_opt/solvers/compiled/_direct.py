@@ -240,7 +240,7 @@ def move(
 
 @inlined
 def correct(factor: Floats, small: Floats, order: Integers, size: int) -> None:
-    """X ← the change of μ̂ that would take away the slack of the rows of 𝒜."""
+    """X ← the change of μ̂ that takes away the slack of the rows of 𝒜."""
     for k in range(size):
         small[X, k] = -small[SLACK, order[k]]
     solve(factor, small, size)
@@ -301,9 +301,9 @@ def solve_problem(
     usable = prepare(tangent, problem, gradient, jacobian, bound, equality, gram, small, state)
     size, changes = find_active_set(usable, gram, factor, small, state, order, equality, problem * small.shape[1])
     begin(problem, gradient, value)
-    move(problem, jacobian, small, state, order, size, value, False)
-    correct(factor, small, order, size)  # once, by what d leaves of b̂ − Ĵd
-    move(problem, jacobian, small, state, order, size, value, True)
+    for correction in range(2):  # once, by what d leaves of b̂ − Ĵd
+        move(problem, jacobian, small, state, order, size, value, correction == 1)
+        correct(factor, small, order, size)
     worst = judge(problem, gradient, jacobian, equality, small, state, order, size, value, rest, parts)
     return worst if size >= 0 else inf, changes
 
