@@ -1,7 +1,7 @@
 """One source in two forms: Python as it stands, at once, and machine code, for whoever solves more than a few problems.
 
-Loading machine code takes 0.6 s from numba's disk cache; making it takes 4 s for the direct pass and 10 s for the
-thorough kernel. The interpreter needs 0.3 ms for a problem of nine parameters, where machine code needs 1 µs. So the
+Loading machine code takes 0.6 s from numba's disk cache; making it takes 6 s for the direct pass and 9 s for the
+thorough kernel. The interpreter needs 0.3 ms for a problem of nine parameters, machine code half a microsecond. So the
 first calls of a process are interpreted, if they are small, and one problem does not wait for a compiler; few calls,
 so that whoever measures times does not measure the interpreter. Both forms do the same operations on float64 in the
 same order, without fastmath: their answers are the same, bit for bit.
