@@ -48,7 +48,7 @@ class Evidence:
     exact: tuple[Vector, Vector] | None = None
 
 
-def look_closer_and_closer(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
+def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
     """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
     metric = problem.metric
     if metric is None and problem.radius is None and problem.is_long:

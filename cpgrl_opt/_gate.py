@@ -10,6 +10,7 @@ import numpy as np
 from .arrays import ArrayLike, Float, Vector
 from .validation import (
     finite_array,
+    freeze,
     mask_array,
     read_only,
     real_array,
@@ -31,7 +32,7 @@ def check_arrays(
         return g, J, b, _no_equality(b.shape) if equality is False else _check_equality(equality, b.shape)
     g, J = finite_array("gradient", gradient, axes), finite_array("jacobian", jacobian, axes + 1)
     require_gradient_shape(g, J.shape)
-    return read_only(g), read_only(J), *check_bounds(bound, equality, J.shape[:-1])
+    return freeze(g), freeze(J), *check_bounds(bound, equality, J.shape[:-1])
 
 
 def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -71,7 +72,7 @@ def require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None
         raise ValueError("gradient should have at least one component; found none")
 
 
-def look_at_long(gradient: ArrayLike, jacobian: ArrayLike) -> ArrayVectors | None:
+def view_long_vectors(gradient: ArrayLike, jacobian: ArrayLike) -> ArrayVectors | None:
     """g and J where they lie, if J is an array or a list of arrays, of float64 and long; None for all else."""
     if type(jacobian) is np.ndarray:
         if jacobian.ndim != 2 or not is_long(*jacobian.shape):
@@ -103,7 +104,7 @@ def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.
     if type(bound) is float and -np.inf < bound < np.inf:
         return _spread(bound, shape), is_equality
     if type(bound) is np.ndarray and bound.dtype is _FLOAT64 and bound.shape == shape:
-        copied = read_only(bound.copy())
+        copied = freeze(bound.copy())
         if isfinite(np.vdot(copied, copied)):
             return copied, is_equality
     b = _of_each_row("bound", partial(real_array, ndim=None), bound, shape)
@@ -111,18 +112,18 @@ def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.
         raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
     if (is_equality & (b == -np.inf)).any():
         raise ValueError("bound should be finite on an equality; found −inf")
-    return read_only(b), is_equality
+    return freeze(b), is_equality
 
 
 def _check_equality(equality: Any, shape: tuple[Any, ...]) -> np.ndarray:
     if type(equality) is bool:
         return _spread(equality, shape)
-    return read_only(_of_each_row("equality", mask_array, equality, shape))
+    return freeze(_of_each_row("equality", mask_array, equality, shape))
 
 
 def _spread(value: float | bool, shape: tuple[Any, ...]) -> np.ndarray:
     """One value for all, quickly where it is 0: np.full takes as long as a solve."""
-    return read_only(np.zeros(shape, type(value)) if value == 0 else np.full(shape, value))
+    return freeze(np.zeros(shape, type(value)) if value == 0 else np.full(shape, value))
 
 
 def _of_each_row(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened", "flat")
 # Of their answers PΔ¹ = 0 is seen as well as by the closed form.
-EXACT = (ActiveSet, Rosen)
+CLOSED_FORM = (ActiveSet, Rosen)
 
 
 @cache
@@ -143,14 +143,14 @@ class StepRun:
         ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
         problems, count = FORMULATIONS[settings.formulation].problems(constraints, ratio), len(runs)
         if self.geometry is not None:
-            tangents = self.certify(self.geometry.tangent(problems[:count]), runs)
+            tangents = self.solve_certified(self.geometry.tangent(problems[:count]), runs)
             apart = len(problems) > count
-            moves = self.certify(self.geometry.restoration(problems[count:]), runs).value if apart else None
+            moves = self.solve_certified(self.geometry.restoration(problems[count:]), runs).value if apart else None
             return tangents.value, moves
-        answers = self.certify(problems, runs)
+        answers = self.solve_certified(problems, runs)
         return answers.value[:count], answers.value[count:] if len(answers) > count else None
 
-    def certify(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
+    def solve_certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
         solver: DirectionSolver = self.settings.solver  # type: ignore[assignment]
         answers = solve_batch(solver, problems)
@@ -215,6 +215,6 @@ class StepRun:
 
     def at_rest(self, tangent: np.ndarray, constraints: ActiveConstraints) -> tuple[Bool[np.ndarray, "B"], bool]:
         """PΔ¹ = 0 up to rounding, by run, and whether in any; with `equality` whatever the solver's tolerance."""
-        if self.settings.formulation == "equality" and type(self.settings.solver) not in EXACT:
+        if self.settings.formulation == "equality" and type(self.settings.solver) not in CLOSED_FORM:
             tangent = tangents(constraints, self.geometry)
         return vanishing(tangent, constraints, self.geometry)

@@ -32,11 +32,12 @@ convex. With one they are sufficient too, the problem being convex; but which of
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ._evidence import Evidence, look_closer_and_closer, read_certificate
+from ._evidence import Evidence, gather_evidence, read_certificate
 from ._violation import (
     FARKAS_TOLERANCE,
     excess_violation,
@@ -109,21 +110,23 @@ def certify(
     problem: DirectionProblem,
     answer: Direction,
     tolerance: float,
-    find_contradiction: Callable[[DirectionProblem], object | None] | None = None,
-) -> Status:
-    """The status that is left of the answer's: OPTIMAL or INFEASIBLE where the problem's data prove it.
+    find_contradiction: Callable[[DirectionProblem], object | None],
+) -> Direction:
+    """The answer with the status that is left of its own: OPTIMAL or INFEASIBLE where the problem's data prove it.
 
     What they do not prove is UNCERTIFIED; any other status claims nothing, and stays. OPTIMAL: every residual is within
     the tolerance, and no constraints contradict each other, which a long gradient may hide. INFEASIBLE: the multipliers
     prove it to √tolerance; the direction violates least to (1 + m) tolerance, in the ball where there is a radius; and
     no direction that meets the constraints is shorter than a hundred times the answer and the gradient, or than the
-    radius. find_contradiction: a proof that no direction meets the constraints of a problem with g = 0, None where
-    there is none; asked where d misses a bound. It takes a solver, and solvers are built on what stands here.
+    radius. The residuals are those that OPTIMAL is granted on, else None. find_contradiction: a proof that no direction
+    meets the constraints of a problem with g = 0, None where there is none. It is called when d misses a bound, and is
+    an argument because solvers import this module.
     """
-    is_granted = True
+    is_granted, residuals = True, None
     if answer.status == Status.OPTIMAL:
-        is_granted = kkt_residuals(problem, answer).worst <= tolerance
-        if is_granted and find_contradiction is not None and misses_a_bound(problem, answer.value):
+        residuals = kkt_residuals(problem, answer)
+        is_granted = residuals.worst <= tolerance
+        if is_granted and misses_a_bound(problem, answer.value):
             alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
             is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
@@ -132,7 +135,9 @@ def certify(
             and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
             and is_out_of_reach(problem, answer.value, answer.multipliers)
         )
-    return Status(answer.status) if is_granted else Status.UNCERTIFIED
+    if is_granted:
+        return replace(answer, status=Status(answer.status), residuals=residuals)
+    return replace(answer, status=Status.UNCERTIFIED, residuals=None)
 
 
 def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) -> KKTResiduals:
@@ -144,7 +149,7 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
     kappa = 1.0 if problem.radius is None else float(getattr(direction, "radius_multiplier", 0.0))
-    measured = map(_measure, look_closer_and_closer(problem, d, mu, kappa))
+    measured = map(_measure, gather_evidence(problem, d, mu, kappa))
     return next((residuals for residuals in measured if residuals is not None), _HOPELESS)
 
 

@@ -1,4 +1,4 @@
-"""The direction problem: validated once, on construction; and its scaling to unit rows.
+"""The direction problem: validated once, on construction.
 
     min_d ½ dᵀM d − gᵀd   s.t.   Jᵢ d ≥ bᵢ (i ∈ I),   Jᵢ d = bᵢ (i ∈ E)                     without a radius
     max_d gᵀd             s.t.   the same,   dᵀM d ≤ radius²   (of several, the shortest)   the trust region
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from ._gate import check_arrays, check_bounds, check_radii, look_at_long, require_gradient_shape
+from ._gate import check_arrays, check_bounds, check_radii, require_gradient_shape, view_long_vectors
 from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
 from .metric import Metric, Whitening, validated_metric
 from .validation import (
@@ -58,7 +58,7 @@ class DirectionProblem:
         metric: ArrayLike | None = None,
         radius: Number | None = None,
     ) -> None:
-        vectors = look_at_long(gradient, jacobian)
+        vectors = view_long_vectors(gradient, jacobian)
         if vectors is None:
             g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 1)
             long = type(jacobian) is not np.ndarray and is_long(*J.shape)
@@ -127,7 +127,7 @@ class DirectionProblem:
     def vectors(self) -> ArrayVectors:
         """g and the rows, as the reduction to their span looks at them; keeps their inner products.
 
-        Made anew where `gradient` or `jacobian` was replaced in spite of all; the new arrays are not checked.
+        Rebuilt if somebody replaced `gradient` or `jacobian`; the new arrays are not checked.
         """
         vectors: ArrayVectors | None = vars(self).get("_vectors")
         rows = vars(self).get("jacobian", vectors and vectors.jacobian)  # not there: rows apart
@@ -147,6 +147,12 @@ class DirectionProblem:
         return len(self.bound)
 
 
+def without_geometry(problem: DirectionProblem) -> DirectionProblem:
+    """The same numbers, C-contiguous, Euclidean and without a ball."""
+    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
+    return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
+
+
 def euclidean(problem: DirectionProblem) -> DirectionProblem:
     """The problem of (g′, J′, b) in the coordinates d′ = Lᵀd, where M = I, and without its ball; not checked anew.
 
@@ -154,10 +160,11 @@ def euclidean(problem: DirectionProblem) -> DirectionProblem:
     """
     if problem.metric is None and problem.radius is None:
         return problem
-    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
-    if problem.whitening is not None:
-        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            g, J = problem.whitening.gradient(g), problem.whitening.rows(J)
+    flat = without_geometry(problem)
+    if problem.whitening is None:
+        return flat
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        g, J = problem.whitening.gradient(flat.gradient), problem.whitening.rows(flat.jacobian)
     return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
 
 

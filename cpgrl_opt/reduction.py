@@ -86,7 +86,7 @@ class Coordinates:
             return weights
         own = _entries(self.factor, 0, slice(rank)).times(self.scales[0])
         rest = Pair(x[:rank], np.zeros(rank)).plus(own.times(-a))
-        w = _solved_transposed(_entries(self.factor, self.basis, slice(rank)), rest)
+        w = _solve_transposed(_entries(self.factor, self.basis, slice(rank)), rest)
         for part, found in zip(weights, w, strict=True):
             part[self.basis] = found / self.scales[self.basis]
         weights.hi[0] = a
@@ -207,7 +207,7 @@ def _eliminate(K: Pair, row: int, factor: Pair, k: int) -> Pair:
     return K.plus(down.times_pair(Pair(-across.hi, -across.lo)))
 
 
-def _solved_transposed(L: Pair, x: Pair) -> Pair:
+def _solve_transposed(L: Pair, x: Pair) -> Pair:
     """L⁻ᵀx by back substitution."""
     w = Pair(x.hi.copy(), x.lo.copy())
     for j in range(len(w.hi) - 1, -1, -1):

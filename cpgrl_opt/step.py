@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ._step_run import COUNTS, EXACT, StepRun, nothing
+from ._step_run import CLOSED_FORM, COUNTS, StepRun, nothing
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .arrays import ArrayLike, Bool, Float, Int, Number
 from .direction import DirectionBatch
@@ -149,9 +149,10 @@ class ConstrainedStep(ReadOnlyArrays):
     def _usual_way(self) -> tuple[Any, ...] | None:
         """Arguments of `direct_step.move`; None where these settings need more than it does."""
         is_plain = self.ridge == 0 and self.max_restoration == np.inf and self._geometry is None  # type: ignore[attr-defined]
-        formulation = FORMULATIONS[self.formulation]
-        if type(self.solver) not in EXACT or not is_plain or (self.formulation == "equality" and self.drop == "always"):
+        drops_always = self.formulation == "equality" and self.drop == "always"
+        if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always:
             return None
+        formulation = FORMULATIONS[self.formulation]
         solver = type(self.solver) is Rosen, formulation.is_equality, formulation.restores_inside
         rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)
         return *solver, *rates, NEGLIGIBLE

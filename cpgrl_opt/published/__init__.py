@@ -6,9 +6,9 @@
     array([0., 1., 1.])
 
 Each says OPTIMAL of what it returns, that being its claim, the direction to take; CPO and GEM, which solve problems of
-ours, only where `kkt_residuals` agrees. Methods without multipliers get those that suit it best: `adapter`.
-`declaration` tells which laws of `cpgrl_opt.testing` a method breaks, and why; `python -m cpgrl_opt.published` writes
-the table of all, `docs/published.md`.
+ours, only where `kkt_residuals` agrees. Methods without multipliers get those that suit it best: `function_solver`.
+`declaration` tells which laws of `cpgrl_opt.testing` a method breaks, and why; the table of all, `docs/published.md`,
+is written by `python -m cpgrl_opt.testing.published_table`.
 """
 
 from collections.abc import Mapping

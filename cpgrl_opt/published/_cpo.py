@@ -1,6 +1,6 @@
 """Constrained policy optimization: the closed form of its trust-region problem with one constraint."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ from ..certify import certify
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
+from ..solvers.infeasibility import infeasible_direction
 from ..solvers.interface import unsupported
 from .interface import Declaration
 from .trust_region import OneRowBall, in_ball, is_one_row_ball
@@ -57,7 +58,7 @@ class CPO(CheckedSettings):
             answer = ball.direction(problem, step, 1.0, 0.0, status=Status.INFEASIBLE)
         else:
             answer = ball.direction(problem, *_step(ball))
-        return replace(answer, status=certify(problem, answer, self.tolerance))
+        return certify(problem, answer, self.tolerance, infeasible_direction)
 
 
 def _step(ball: OneRowBall) -> tuple[Vector, float, float]:

@@ -1,6 +1,6 @@
 """Gradient episodic memory: the nearest direction that hurts no remembered task."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +9,7 @@ from ..certify import certify
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..settings import CheckedSettings
+from ..solvers.infeasibility import infeasible_direction
 from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from ._dual_cone import dual_projection
@@ -57,4 +58,4 @@ class GEM(CheckedSettings):
         multipliers = np.zeros(problem.m)
         multipliers[problem.bound > -np.inf] = weights
         answer = Direction(value, multipliers, Status.OPTIMAL)
-        return replace(answer, status=certify(problem, answer, self.tolerance))
+        return certify(problem, answer, self.tolerance, infeasible_direction)

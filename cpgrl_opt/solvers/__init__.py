@@ -1,7 +1,7 @@
 """Direction solvers: one file per method, one line each in SOLVERS.
 
-A new solver is a frozen dataclass of settings with a core, `solve_small(small) -> SmallAnswer`, on the base `Solver`,
-in a file here, and one line below.
+A new solver is a frozen dataclass of settings with a core, `solve_small(small) -> SmallAnswer`, on the base
+`SmallSolver`, in a file here, and one line below.
 """
 
 from collections.abc import Mapping

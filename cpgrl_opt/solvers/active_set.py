@@ -1,8 +1,9 @@
-"""The default solver: a dual active-set method on orthonormalised unit rows, compiled.
+"""The default solver: the exact core, compiled.
 
     min ½‖d − g‖²   s.t.   Jᵢd ≥ bᵢ (i ∈ I),   Jᵢd = bᵢ (i ∈ E)
 
-The kernel scales, solves, judges its own answer with the referee's formulas, and proves infeasibility.
+A direct pass by the Gram matrix where rows are well apart; else Goldfarb and Idnani's method on orthonormal rows. Both
+judge their answers with the referee's formulas; `thorough` proves infeasibility.
 """
 
 from dataclasses import dataclass
@@ -29,9 +30,9 @@ class ActiveSet(Solver):
     guarantee: ClassVar[str] = "exact: dual active set on orthonormal rows; compiled, batched"
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The certified direction in one compiled call."""
+        """The certified direction, in one compiled call; in more where rows nearly depend."""
         return project(problem, self.tolerance)
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
-        """B problems in one compiled call, each exactly as alone."""
+        """B problems in one compiled call, each exactly as `solve_rows` answers it."""
         return project_batch(problems, self.tolerance)

@@ -14,11 +14,10 @@ from .span import solve_in_span
 
 
 class Solver(CheckedSettings):
-    """Base of a frozen dataclass of settings around a core, `solve_small`.
+    """Base of a frozen dataclass of settings; its `solve_rows` answers problems with M = I, no ball, short vectors.
 
-    `solve` and `solve_batch` own what stands before and behind it: long vectors are taken to the coordinates of their
-    own span (see `span`), a metric is a change of coordinates and a ball a search (see `geometry`), all numbers are
-    scaled to about 1, and the referee judges the answer on the problem as it was given.
+    `solve` and `solve_batch` bring all others there: long vectors are taken to the coordinates of their own span (see
+    `span`), a metric is a change of coordinates and a ball a search (see `geometry`).
     """
 
     takes_geometry: ClassVar[bool] = True
@@ -26,7 +25,6 @@ class Solver(CheckedSettings):
     is_exact: ClassVar[bool] = False  # its core is `exact_core`
 
     tolerance: float
-    polish: bool = True
 
     def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
         """Equalities, cones and bounds."""
@@ -51,15 +49,9 @@ class Solver(CheckedSettings):
             return DirectionBatch.stack([self.solve(problem) for problem in stacked])
         return self.solve_rows_batch(stacked)
 
-    def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The core: x and μ of the small problem, as far as the method gets."""
-        raise NotImplementedError
-
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The direction of a problem with M = I, no ball and short vectors."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        return solve_by(self.solve_small, problem, tolerance=self.tolerance, polished=self.polish)
+        """The direction of a problem with M = I, no ball and short vectors, with a status that the referee granted."""
+        raise NotImplementedError
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """B such problems."""
@@ -70,10 +62,26 @@ class Solver(CheckedSettings):
         return solve_transformed(self.solve_rows, problem, self.tolerance)
 
 
-class Session(Solver):
+class SmallSolver(Solver):
+    """Base of a solver with a core, `solve_small`; the pipeline around it scales, reduces, polishes and certifies."""
+
+    polish: bool = True
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The core: x and μ of the small problem, as far as the method gets."""
+        raise NotImplementedError
+
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
+        """The direction that the core finds; UNSUPPORTED where it takes no such constraints."""
+        if not self.supports(problem):
+            return unsupported(problem)
+        return solve_by(self.solve_small, problem, tolerance=self.tolerance, polished=self.polish)
+
+
+class Session(SmallSolver):
     """A solver's workspace for problems of one shape; its core is `solve_small`."""
 
-    def __init__(self, settings: Solver, n: int, m: int) -> None:
+    def __init__(self, settings: SmallSolver, n: int, m: int) -> None:
         self.tolerance, self.polish = settings.tolerance, settings.polish
         self.n, self.m = n, m
 
@@ -87,7 +95,7 @@ class Session(Solver):
         return super().solve(problem)
 
 
-class SolverWithSessions(Solver):
+class SolverWithSessions(SmallSolver):
     """Base of a solver whose core keeps a workspace for one shape."""
 
     def session(self, n: int, m: int, *, warm_start: bool = False) -> Session:

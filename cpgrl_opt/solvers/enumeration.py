@@ -16,7 +16,7 @@ from ..arrays import Float, Int
 from ..direction import Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
-from .base import Solver
+from .base import SmallSolver
 from .factorization import pivoted_qr
 from .small_problem import SmallAnswer, SmallProblem
 
@@ -24,7 +24,7 @@ MOST_CONSTRAINTS = 12  # 2¹² active sets
 
 
 @dataclass(frozen=True, kw_only=True)
-class Enumeration(Solver):
+class Enumeration(SmallSolver):
     """The best of all 2ᵐ active sets, for problems of at most 12 constraints.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

@@ -19,6 +19,7 @@ from ..problem import DirectionProblem, ProblemBatch, euclidean
 from ..scaling import UnitRows, lengths, unit_rows
 from ..units import Units, in_units
 from .ball import BallAnswer, UnitBall, on_named_face, solve_in_unit_ball
+from .infeasibility import infeasible_direction
 from .polishing import polish
 from .small_problem import scale_problem
 
@@ -28,19 +29,13 @@ Solve = Callable[[DirectionProblem], Direction]
 _LARGEST_RATIO = 1e150
 
 
-def without_geometry(problem: DirectionProblem) -> DirectionProblem:
-    """The same arrays, Euclidean and without a ball."""
-    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
-    return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
-
-
 def solve_transformed(solve: Solve, problem: DirectionProblem, tolerance: float) -> Direction:
     """The answer of `solve`, a Euclidean cone solver, to a problem with a metric, a radius or both."""
     whitened = _Whitened.of(problem)
     if not _is_finite(whitened.flat):
         return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     if problem.radius is None:
-        return _mapped_back(whitened, solve(whitened.flat), tolerance)
+        return _map_back(whitened, solve(whitened.flat), tolerance)
     return _solve_in_ball(solve, whitened, tolerance)
 
 
@@ -61,20 +56,20 @@ def solve_batch_transformed(
         )
     )
     return DirectionBatch.stack(
-        [_mapped_back(each, answer, tolerance) for each, answer in zip(members, answers, strict=True)]
+        [_map_back(each, answer, tolerance) for each, answer in zip(members, answers, strict=True)]
     )
 
 
 def judge_in_geometry(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:
-    """The answer with the status that the referee leaves it; what it doubts itself may be OPTIMAL."""
+    """The answer with the status that the referee leaves it; UNCERTIFIED is judged as if it claimed OPTIMAL."""
     numbers = (found.value, found.multipliers, found.radius_multiplier)
     if not all(np.isfinite(each).all() for each in numbers):
         return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR, found.iterations)
     claim = replace(found, status=Status.OPTIMAL) if found.status == Status.UNCERTIFIED else found
-    return replace(found, status=certify(problem, claim, tolerance))
+    return certify(problem, claim, tolerance, infeasible_direction)
 
 
-def polished_in_geometry(problem: DirectionProblem, found: Direction) -> Direction:
+def polish_in_geometry(problem: DirectionProblem, found: Direction) -> Direction:
     """The best of an answer and the exact ones on the face that it names, as the referee has it."""
     whitened = _Whitened.of(problem)
     flat, named = whitened.flat, whitened.inside(found)
@@ -107,7 +102,7 @@ def _solve_in_ball(solve: Solve, whitened: "_Whitened", tolerance: float) -> Dir
     if impossible.any():
         proof = np.where(impossible, np.sign(problem.bound), 0.0)
         found = replace(found, multipliers=proof, status=Status.INFEASIBLE, radius_multiplier=0.0)
-    return _mapped_back(whitened, found, tolerance)
+    return _map_back(whitened, found, tolerance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +139,8 @@ class _Whitened:
         multipliers = np.asarray(answer.multipliers, dtype=np.float64)
         numbers = (value, multipliers, float(getattr(answer, "radius_multiplier", 0.0)))
         value, multipliers, kappa = numbers if self.units is None else self.units.outside(*numbers)
-        return Direction(value, multipliers, Status(answer.status), getattr(answer, "iterations", 0), kappa)
+        iterations, rung = getattr(answer, "iterations", 0), getattr(answer, "rung", "")
+        return Direction(value, multipliers, Status(answer.status), iterations, kappa, rung=rung)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +177,7 @@ class _BallUnits:
                 answer.status,
                 answer.iterations,
                 answer.radius_multiplier * (strength / self.radius),
+                rung="rows",
             )
 
     def to_ball(self, found: Direction) -> BallAnswer:
@@ -190,7 +187,7 @@ class _BallUnits:
         return BallAnswer(found.value / self.radius, multipliers, found.radius_multiplier * self.radius / force)
 
 
-def _mapped_back(whitened: _Whitened, answer: Direction, tolerance: float) -> Direction:
+def _map_back(whitened: _Whitened, answer: Direction, tolerance: float) -> Direction:
     """What `solve` claims of the whitened problem, as an answer to the problem itself; only its OPTIMAL may stand."""
     found = whitened.outside(answer)
     if found.status == Status.UNCERTIFIED and np.isfinite(found.value).all():

@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Multipliers, Vector
 from ..certify import is_proven, violation
 from ..direction import Direction, Status
-from ..problem import DirectionProblem
+from ..problem import DirectionProblem, without_geometry
 from ..scaling import lengths
 from .exact_core import project
 
@@ -37,13 +37,7 @@ class LeastViolation:
 
 def least_violation(problem: DirectionProblem) -> LeastViolation | None:
     """The least violation where it is proven to exceed 1e-9 (or a zero row asks for something), else None."""
-    if not problem.jacobian.flags.c_contiguous:  # a long problem's may lie anyhow
-        problem = DirectionProblem.trusted(
-            np.ascontiguousarray(problem.gradient),
-            np.ascontiguousarray(problem.jacobian),
-            problem.bound,
-            problem.equality,
-        )
+    problem = without_geometry(problem)  # and contiguous: a long problem's arrays may lie anyhow
     answer = project(problem, _EXACT)
     if answer.status != Status.INFEASIBLE or not is_proven(problem, answer):
         return None
@@ -59,4 +53,6 @@ def least_violation(problem: DirectionProblem) -> LeastViolation | None:
 def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Direction | None:
     """The INFEASIBLE answer of a problem that is proven to be so, else None."""
     least = least_violation(problem)
-    return None if least is None else Direction(least.direction, least.proof, Status.INFEASIBLE, iterations)
+    return (
+        None if least is None else Direction(least.direction, least.proof, Status.INFEASIBLE, iterations, rung="rows")
+    )

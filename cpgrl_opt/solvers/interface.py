@@ -40,12 +40,12 @@ def refereed(
     They are copied as contiguous float64 arrays. See `certify` for what stands.
     """
     answers = answers.owned()
-    status = answers.status
     if len(answers) != len(problems):
         raise ValueError(f"answers should be one for each of {len(problems)} problems; found {len(answers)}")
-    for k, (problem, answer) in enumerate(zip(problems, answers, strict=True)):
-        status[k] = certify(problem, answer, tolerance, infeasible_direction)
-    return answers
+    if len(answers) == 0:
+        return answers
+    pairs = zip(problems, answers, strict=True)
+    return DirectionBatch.stack([certify(*pair, tolerance, infeasible_direction) for pair in pairs])
 
 
 class MissingPackageError(ImportError):

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from .base import Solver
+from .base import SmallSolver
 from .least_distance import least_distance
 from .small_problem import SmallAnswer, SmallProblem
 
 
 @dataclass(frozen=True, kw_only=True)
-class NNLS(Solver):
+class NNLS(SmallSolver):
     """min ½‖d − g‖² s.t. Jd ≥ b as a nonnegative least-squares problem in m unknowns; equalities by elimination.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.

@@ -73,7 +73,7 @@ def _screen(scaled: ScaledProblem) -> Direction | None:
     lack = small.bound - small.rows @ small.center
     if (np.where(small.equality, lack == 0.0, lack <= 0.0)).all():
         residuals = KKTResiduals(0.0, 0.0, 0.0, 0.0)
-        return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL, residuals=residuals)
+        return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL, residuals=residuals, rung="rows")
     return None
 
 
@@ -119,7 +119,7 @@ def _recover(scaled: ScaledProblem, d: Vector, multipliers: np.ndarray) -> Direc
 
 
 def _judge(problem: DirectionProblem, value: Vector, multipliers: Multipliers) -> Direction:
-    found = Direction(value, multipliers, Status.UNCERTIFIED)
+    found = Direction(value, multipliers, Status.UNCERTIFIED, rung="rows")
     return replace(found, residuals=kkt_residuals(problem, found))
 
 

@@ -18,7 +18,7 @@ from ..arrays import Bool, Float, Vector
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE, largest_multipliers, unit_multipliers
 from ..scaling import lengths
-from .base import Solver
+from .base import SmallSolver
 from .factorization import pivoted_qr
 from .polishing import project_onto_face
 from .small_problem import SmallAnswer, SmallProblem
@@ -28,7 +28,7 @@ _NEGLIGIBLE = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True)
-class RosenDrop(Solver):
+class RosenDrop(SmallSolver):
     """The drop rule, for b = 0; equalities are never dropped.
 
     tolerance: the worst KKT residual of an OPTIMAL answer. raw_multipliers: compare λᵢ as printed in the paper, so

@@ -8,16 +8,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import inf
 
-import numpy as np
-
 from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..problem import DirectionProblem
+from ..problem import DirectionProblem, without_geometry
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
-from .long import solve_usual
+from .gramian_core import solve_by_gramian
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
 
@@ -29,7 +27,7 @@ def solve_in_span(
 
     is_exact: `solve` is the exact core, so that the usual problem needs no coordinates.
     """
-    if is_exact and "gramian" in RUNGS and (usual := solve_usual(problem, tolerance)) is not None:
+    if is_exact and "gramian" in RUNGS and (usual := solve_by_gramian(problem, tolerance)) is not None:
         return usual
     vectors, on = problem.vectors, problem.bound > -inf
     for rung in RUNGS:
@@ -50,8 +48,7 @@ def solve_in_span(
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
             if small.holds(found.value, certificate, unit):
                 return replace(found, value=value, rung=rung)
-    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
-    return replace(solve(DirectionProblem.trusted(g, J, problem.bound, problem.equality)), rung="rows")
+    return replace(solve(without_geometry(problem)), rung="rows")
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:

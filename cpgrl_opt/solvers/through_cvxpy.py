@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..certify import misses_a_bound
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from .base import Session, SolverWithSessions
 from .cvxpy_call import solve_statement
-from .geometry import judge_in_geometry, polished_in_geometry, solve_transformed
+from .geometry import judge_in_geometry, polish_in_geometry, solve_transformed
 from .packages import require_import, require_package
 from .second_order_cone import state_and_solve
 from .small_problem import SmallAnswer, SmallProblem
@@ -22,7 +23,7 @@ from .small_problem import SmallAnswer, SmallProblem
 
 @dataclass(frozen=True, kw_only=True)
 class CVXPY(SolverWithSessions):
-    """A parametrised CVXPY problem behind the shared preparation.
+    """A parametrised CVXPY problem behind the pipeline.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.
     iteration_limit, time_limit (s): CLARABEL's.
@@ -68,8 +69,11 @@ class CVXPYSession(Session):
         if modelled.status == Status.INFEASIBLE:
             return solve_transformed(self.solve_rows, problem, self.tolerance)
         if self.polish:
-            modelled = polished_in_geometry(problem, modelled)
-        return judge_in_geometry(problem, modelled, self.tolerance)
+            modelled = polish_in_geometry(problem, modelled)
+        judged = judge_in_geometry(problem, modelled, self.tolerance)
+        if judged.status == Status.UNCERTIFIED and misses_a_bound(problem, judged.value):  # beside a long g
+            return solve_transformed(self.solve_rows, problem, self.tolerance)
+        return judged
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """CLARABEL's x and μ."""

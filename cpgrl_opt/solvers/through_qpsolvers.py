@@ -13,7 +13,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from .base import Solver
+from .base import SmallSolver
 from .interface import MissingPackageError
 from .library_calls import LIBRARY_CALLS, LibraryCall, LibraryError
 from .packages import has_package, require_import
@@ -136,7 +136,7 @@ BACK_ENDS: Mapping[str, BackEndFacts] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class QPSolversBackend(Solver):
+class QPSolversBackend(SmallSolver):
     """One of qpsolvers' back ends on the small problem.
 
     name: a key of BACK_ENDS. tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch
+from ..problem import DirectionProblem, ProblemBatch, without_geometry
 from .asking import ask
 from .base import Solver
 from .facts import supports, tolerance_of
-from .geometry import without_geometry
 from .interface import DirectionSolver, solve_batch, unsupported
 
 

@@ -29,6 +29,19 @@ class Certificate:
 class Vectors(Protocol):
     """g and the rows of J, of whatever kind. Weights are of g first, then of each row."""
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, n)."""
+        ...
+
+    def are_finite(self) -> bool:
+        """No NaN and no infinity."""
+        ...
+
+    def lengths(self) -> Float[np.ndarray, "channels"]:
+        """‖vᵢ‖; over- or underflows with its square."""
+        ...
+
     def gramian(self) -> Float[np.ndarray, "channels channels"]:
         """K in float64. Entries of numbers beyond 1e±140 over- or underflow."""
         ...

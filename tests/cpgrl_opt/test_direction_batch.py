@@ -115,3 +115,22 @@ def test_batches_that_know_different_things_are_joined() -> None:
 def test_threads_are_a_number_of_them(threads: object) -> None:
     with pytest.raises(ValueError, match="threads should be an integer ≥ 1"):
         solve_batch(SOLVERS["active-set"], batch_of(np.random.default_rng(7)), threads=threads)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("geometry", [{"metric": [1.0, 2.0, 3.0]}, {"radius": 0.5}], ids=["metric", "radius"])
+def test_residuals_and_rung_are_known_in_a_geometry_too(geometry: dict[str, object]) -> None:
+    problem = DirectionProblem([1.0, 1.0, 1.0], [[-1.0, 0.0, 1.0]], 0.1, **geometry)  # type: ignore[arg-type]
+    for name in ("active-set", "nnls"):
+        answer = SOLVERS[name].solve(problem)
+        assert (answer.status, answer.rung) == (Status.OPTIMAL, "rows")
+        assert answer.residuals == kkt_residuals(problem, answer)
+
+
+@pytest.mark.parametrize("bound", [0.0, [0.0, 0.0], np.zeros(2)], ids=["one for all", "list", "array"])
+@pytest.mark.parametrize("n", [3, 60_000], ids=["short", "long"])
+def test_nobody_makes_a_problems_arrays_writable(bound: object, n: int) -> None:
+    problem = DirectionProblem(np.ones(n), np.eye(2, n), bound)  # type: ignore[arg-type]
+    for name in ("bound", "equality", *(("gradient", "jacobian") if n == 3 else ())):
+        with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+            getattr(problem, name).flags.writeable = True
+    assert not DirectionProblem(np.ones(n), np.eye(2, n), bound).equality.any()  # type: ignore[arg-type]

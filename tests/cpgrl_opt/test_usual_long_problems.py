@@ -6,7 +6,7 @@ import pytest
 from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.solvers import span
-from cpgrl_opt.solvers.long import solve_usual
+from cpgrl_opt.solvers.gramian_core import solve_by_gramian
 from cpgrl_opt.vectors import _numpy as array_vectors
 
 SOLVER = SOLVERS["active-set"]
@@ -30,11 +30,11 @@ def long_problem(problem):
 def test_the_usual_way_agrees_with_the_way_through_coordinates(name, monkeypatch):
     for number in range(4):
         problem = long_problem(FAMILIES[name].problem(number, 5))
-        is_usual = solve_usual(problem, SOLVER.tolerance) is not None
+        is_usual = solve_by_gramian(problem, SOLVER.tolerance) is not None
         assert is_usual or name not in USUAL
         found = SOLVER.solve(problem)
         with monkeypatch.context() as patch:
-            patch.setattr(span, "solve_usual", lambda *_: None)
+            patch.setattr(span, "solve_by_gramian", lambda *_: None)
             through = SOLVER.solve(problem)
         assert (found.status, found.rung) == (through.status, through.rung)
         size = max(np.linalg.norm(problem.gradient), np.linalg.norm(through.value))
@@ -52,7 +52,7 @@ def test_a_bound_that_is_missed_beside_a_long_gradient_is_not_settled_the_usual_
     J = rng.standard_normal((2, 40))
     g = 1e6 * (rng.standard_normal(40) - J.sum(axis=0))
     problem = DirectionProblem(g, J, bound)
-    assert (solve_usual(problem, 1e-9) is not None) == usual
+    assert (solve_by_gramian(problem, 1e-9) is not None) == usual
     assert SOLVER.solve(problem).status == Status.OPTIMAL
 
 
@@ -60,18 +60,18 @@ def test_a_bound_that_is_missed_beside_a_long_gradient_is_not_settled_the_usual_
 def test_rows_that_nearly_oppose_each_other_are_not_usual(theta, usual):
     J = np.zeros((2, 40))
     J[0, 0], J[1, 0], J[1, 1] = 1.0, -np.cos(theta), np.sin(theta)
-    assert (solve_usual(DirectionProblem(np.ones(40), J), 1e-9) is not None) == usual
+    assert (solve_by_gramian(DirectionProblem(np.ones(40), J), 1e-9) is not None) == usual
 
 
 @pytest.mark.parametrize("spoil", [lambda J: 0.0 * J, lambda J: 1e-150 * J, lambda J: 1e150 * J])
 def test_rows_without_a_square_are_not_usual(spoil):
     J = np.eye(2, 40)
     J[0] = spoil(J[0])
-    assert solve_usual(DirectionProblem(np.ones(40), J), 1e-9) is None
+    assert solve_by_gramian(DirectionProblem(np.ones(40), J), 1e-9) is None
 
 
 def test_arrays_that_change_under_a_problem_are_not_settled_by_what_they_were():
     g, J = np.ones(40), -np.eye(2, 40)
     problem = DirectionProblem(g, J)
     J[0, 0] = 7.0
-    assert solve_usual(problem, 1e-9) is None
+    assert solve_by_gramian(problem, 1e-9) is None

@@ -11,6 +11,8 @@ bits; compiled kernels are cached on disk. How a problem is solved, by file:
     _scaling            rows of length ½ to 1 and numbers near 1, by powers of two: nothing is rounded
     _dual_active_set    Goldfarb & Idnani's method
     _basis              projections by an orthonormal basis of the active rows, refined where they nearly depend
+    _gramian_core       the usual long problem, by its Gramian alone
+    _arithmetic, _workspace: what they all use
 """
 
 from pathlib import Path

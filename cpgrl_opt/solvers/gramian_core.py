@@ -9,10 +9,10 @@ import numpy as np
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem
 from ..reduction import EXACT, GATES
-from .compiled._long import judge, weigh
+from .compiled._gramian_core import judge, weigh
 
 
-def solve_usual(problem: DirectionProblem, tolerance: float) -> Direction | None:
+def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
     m, K, report = problem.m, problem.vectors.gramian(), np.empty(4)
     small, index, weights = np.empty((8, m)), np.empty((2, m), np.int64), np.empty(1 + m)
