@@ -12,7 +12,7 @@ from ..compensated import Pair
 from ..validation import is_finite
 from .interface import Certificate
 
-# Below this a solve on the rows themselves is faster than Python's part of a reduction , 0.1 ms, or nearly so. With
+# Below this a solve on the rows themselves is faster than Python's part of a reduction, 0.1 ms, or nearly so. With
 # `active-set` the two meet at n = 30 000 with one constraint, 7000 with five, 1200 with fifteen and 500 with fifty.
 LEAST_PRODUCTS = 1_000_000
 
