@@ -34,8 +34,8 @@ class TrainingRecord:
     """B runs after an episode and the update that followed it.
 
     episode: from 1; parameters: (B, n), θ *after* the update; estimate: at the θ before it; update: the change.
-    The arrays are the training's own, made anew each episode and never written again: keep them without copying,
-    do not write to them.
+    The arrays are made anew each episode and never written again: keep them without copying, do not write to them. A
+    record itself may hold on to the episodes beside it, a few megabytes.
     """
 
     episode: int
@@ -54,11 +54,19 @@ class _LearnedRecord(TrainingRecord):
 
     __slots__ = ("_index", "_learned")
 
-    def __init__(self, episode: int, learned: LearnedEpisodes, index: int) -> None:
-        for name, value in (("episode", episode), ("_learned", learned), ("_index", index)):
-            object.__setattr__(self, name, value)
+    def __new__(cls, *parts: Any, **named: Any) -> Any:
+        """A plain record, for `dataclasses.replace`."""
+        return TrainingRecord(*parts, **named)
 
-    parameters = property(lambda self: self._learned.parameters[self._index + 1])
+    @classmethod
+    def of(cls, episode: int, learned: LearnedEpisodes, index: int) -> "_LearnedRecord":
+        """The record of one of the episodes."""
+        record: _LearnedRecord = object.__new__(cls)
+        for name, value in (("episode", episode), ("_learned", learned), ("_index", index)):
+            object.__setattr__(record, name, value)
+        return record
+
+    parameters = property(lambda self: self._learned.parameters[self._index + 1].copy())
     estimate = property(lambda self: self._learned.estimate(self._index))
     update = property(lambda self: self._learned.update(self._index))
 
@@ -132,7 +140,7 @@ def _records(
         learned = learning.learned_episodes(parameters, step, course.episodes - episode) if learning else None
         if learned is not None:
             for k in range(learned.made):
-                yield _LearnedRecord(episode + k + 1, learned, k)
+                yield _LearnedRecord.of(episode + k + 1, learned, k)
             episode, parameters = episode + learned.made, learned.parameters[learned.made]
             if learned.made == len(learned.change):
                 continue

@@ -1,5 +1,6 @@
 """GPOMDP on a finite MDP with a softmax table, compiled: B runs advance one episode in one call."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,8 @@ from .stored_average import StoredAverage, sum_of_weights
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
 
-_STEPS_AHEAD = 50_000  # of the environment in one call, at the most: about a millisecond
+# At the most in one call: steps of the environment, about a millisecond, and numbers of gradients, four megabytes.
+_STEPS_AHEAD, _NUMBERS_AHEAD = 50_000, 500_000
 
 
 class FiniteGPOMDP:
@@ -84,7 +86,7 @@ class FiniteGPOMDP:
             return None
         from .finite_learning import learn  # loads the kernels of a step too
 
-        count = max(1, min(most, _STEPS_AHEAD // (runs * self.steps)))
+        count = max(1, min(most, _STEPS_AHEAD // (runs * self.steps), _NUMBERS_AHEAD // math.prod(self.shape)))
         arrays = (
             np.empty((count + 1, runs, n)),
             np.empty((count, runs, channels)),

@@ -34,11 +34,12 @@ class LearnedEpisodes:
 
     def estimate(self, k: int) -> Estimate:
         """What episode k was like."""
-        return Estimate(self.values[k], self.gradients[k], self.steps.copy(), self.rewards[k], self.events.copy())
+        values, gradients, rewards = (part[k].copy() for part in (self.values, self.gradients, self.rewards))
+        return Estimate(values, gradients, self.steps.copy(), rewards, self.events.copy())
 
     def update(self, k: int) -> LearnerUpdate:
         """The update after it."""
-        return CPGRL.update_of(usual_result(self.change[k], self.active[k], self.flat[k]))
+        return CPGRL.update_of(usual_result(*(part[k].copy() for part in (self.change, self.active, self.flat))))
 
 
 @runtime_checkable

@@ -76,6 +76,9 @@ def test_nothing_to_climb_and_nothing_violated_is_optimal_at_zero():
     jacobian = [[1.0, 0.0]]
     assert residuals(DirectionProblem([0.0, 0.0], jacobian), [0.0, 0.0], [0.0]).worst == 0.0
     assert residuals(DirectionProblem([0.0, 0.0], jacobian, bound=1.0), [0.0, 0.0], [0.0]).primal == np.inf
+    for bound, equality, primal in ((-1.0, True, np.inf), (-1.0, False, 0.0), (0.0, True, 0.0)):
+        found = residuals(DirectionProblem([0.0, 0.0], jacobian, bound, equality), [0.0, 0.0], [0.0])
+        assert (found.primal, found.complementarity) == (primal, 0.0)
 
 
 def test_a_zero_row_that_asks_for_more_than_zero_is_violated():
@@ -178,6 +181,9 @@ def test_in_a_ball_the_part_along_d_may_be_rounding_too():
     for size, least, most in ((1e9, 0.0, 1e-15), (1.0, 9e-7, 11e-7)):  # 8 eps Σ|μ̂| is 3.6e-6, and nothing
         found = kkt_residuals(problem, answer(np.array([0.0, 1.0]), np.array([size, size]), 1.0 + 1e-6))
         assert least <= found.stationarity <= most
+    alone = DirectionProblem([1.0, 0.0], np.zeros((0, 2)), radius=1.0)  # κ̂ = 1e9, far inside the ball
+    inside = answer(np.array([1e-9 * (1 + 1e-8), 0.0]), np.zeros(0), 1e9)
+    assert kkt_residuals(alone, inside).stationarity <= 1e-15
 
 
 @pytest.mark.parametrize("radius", [None, 1e308])

@@ -7,9 +7,14 @@ import pytest
 
 from cpgrl_opt import Direction, DirectionProblem, Status, farkas_residual
 from cpgrl_opt.certify import certify, excess_violation, least_violation_residual, misses_a_bound
+from cpgrl_opt.solvers.infeasibility import infeasible_direction
 
 OPPOSING = DirectionProblem([0.0, 0.0], [[0.0, 2.0], [0.0, -1.0]], [2.0, 1.0])  # d₂ ≥ 1 and d₂ ≤ −1
 CLAIM = Direction(np.zeros(2), np.array([0.5, 1.0]), Status.INFEASIBLE)
+
+
+def status_of(problem: DirectionProblem, claim: Direction, tolerance: float) -> Status:
+    return certify(problem, claim, tolerance, infeasible_direction).status
 
 
 def test_the_excess_violation_is_its_formula() -> None:
@@ -58,24 +63,33 @@ def test_a_proof_that_the_ball_misses_has_the_sign_and_the_digits_that_it_needs(
 
 
 def test_only_a_proof_makes_an_infeasible_stand() -> None:
-    assert certify(OPPOSING, CLAIM, 1e-6) == Status.INFEASIBLE
+    assert status_of(OPPOSING, CLAIM, 1e-6) == Status.INFEASIBLE
     for multipliers in ([0.5, 0.5], [-0.5, -1.0], [0.5, 0.0], [np.nan, 1.0]):
-        assert certify(OPPOSING, replace(CLAIM, multipliers=np.array(multipliers)), 1e-6) == Status.UNCERTIFIED
+        assert status_of(OPPOSING, replace(CLAIM, multipliers=np.array(multipliers)), 1e-6) == Status.UNCERTIFIED
     for value in ([0.0, 1e-3], [np.nan, 0.0]):
-        assert certify(OPPOSING, replace(CLAIM, value=np.array(value)), 1e-6) == Status.UNCERTIFIED
+        assert status_of(OPPOSING, replace(CLAIM, value=np.array(value)), 1e-6) == Status.UNCERTIFIED
+
+
+def test_a_violation_that_is_small_beside_a_long_gradient_makes_no_infeasible_stand() -> None:
+    """d = (0, 1e4) meets both rows and is short beside g; y proves that no shorter one does."""
+    problem = DirectionProblem([1e6, 0.0], [[1.0, 1e-4], [-1.0, 1e-4]], 1.0)
+    claim = Direction(np.zeros(2), np.ones(2), Status.INFEASIBLE)
+    assert farkas_residual(problem, claim.multipliers) <= 1e-3
+    assert excess_violation(problem, claim.value) <= 1e-9
+    assert status_of(problem, claim, 1e-6) == Status.UNCERTIFIED
 
 
 @pytest.mark.parametrize("radius", [1e-3, 1e9])
 def test_a_proof_as_good_as_the_tolerance_stands_in_balls_of_any_size(radius) -> None:
     problem = DirectionProblem([1.0, 0.0], OPPOSING.jacobian, OPPOSING.bound, radius=radius)
     claim = replace(CLAIM, value=np.array([0.1, 0.0]) * min(radius, 1.0), multipliers=np.array([0.5, 1.00001]))
-    assert certify(problem, claim, 1e-6) == Status.INFEASIBLE
+    assert status_of(problem, claim, 1e-6) == Status.INFEASIBLE
 
 
 @pytest.mark.parametrize("status", [each for each in Status if each > Status.INFEASIBLE])
 def test_what_claims_nothing_stays(status) -> None:
     optimum = Direction(np.array([1.0, 0.0]), np.zeros(1), status)
-    assert certify(DirectionProblem([1.0, 0.0], [[0.0, 1.0]]), optimum, 1e-6) == status
+    assert status_of(DirectionProblem([1.0, 0.0], [[0.0, 1.0]]), optimum, 1e-6) == status
 
 
 def test_a_bound_is_missed_by_more_than_rounding_in_its_own_unit() -> None:

@@ -401,3 +401,21 @@ def test_importing_rl_is_light() -> None:
     code = f"import sys, rl; print([name for name in {heavy} if name in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"
+
+
+def test_a_record_of_compiled_updates_can_be_made_another() -> None:
+    records = train(ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, LEARNERS["CPGRL"], episodes=60, runs=2)
+    record = list(records)[-1]
+    other = replace(record, episode=3)
+    assert (type(other), other.episode) == (TrainingRecord, 3)
+    np.testing.assert_array_equal(other.parameters, record.parameters)
+    assert record.parameters.base is None  # its own array: what is kept keeps no block of episodes
+
+
+def test_a_block_of_updates_is_bounded_by_its_numbers() -> None:
+    mdp = random_mdp(np.random.default_rng(5), 30, 5, 3)
+    short = GPOMDP(steps=3, average_rate=0.9, weights="usual")
+    learner = CPGRL(ConstrainedStep(), np.full(2, -10.0))
+    last = list(train(mdp, SoftmaxTable(30, 5), short, learner, episodes=1500, runs=1))[-1]
+    block = last._learned.gradients  # type: ignore[attr-defined]
+    assert block.size <= 500_000

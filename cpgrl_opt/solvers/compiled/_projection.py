@@ -49,9 +49,9 @@ def rest_in_twice_the_precision(space: Floats, small: Floats) -> None:
 
 @kernel
 def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int, parts: Floats) -> float:
-    """The referee's residuals of d and μ as they round when unscaled, into parts; the worst of them.
+    """The referee's residuals of d and μ as they round when unscaled, into parts; the worst, infinite for no numbers.
 
-    Leaves μ, unscaled and by row, in SPARE. "not ≤" lets NaN through, ">" would lose it.
+    Leaves μ, unscaled and by row, in SPARE.
     """
     factor = np.ldexp(1.0, scale)
     for j in range(space.shape[1]):
@@ -65,7 +65,7 @@ def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int
         small[SPARE, i] = np.ldexp(small[MULTIPLIER, k], scale - index[EXPONENT, i])
         small[THRESHOLD, i] = np.ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
     parts[:] = 0.0
-    total = 0.0
+    total, unsound = 0.0, 0.0  # unsound: NaN from the first infinity or NaN on, which a comparison would forget
     for i in range(small.shape[1]):
         if small[BOUND, i] > -inf:
             mu = small[THRESHOLD, i] * small[LENGTH, i]
@@ -77,6 +77,7 @@ def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int
                 parts[2] = parts[2] if -mu <= parts[2] else -mu
                 parts[3] = parts[3] if least <= parts[3] else least
             total += abs(mu)
+            unsound += 0.0 * slack
             add(space, REST, -small[THRESHOLD, i], ROWS + i)
     sigma, own = sqrt(dot(space, TARGET, TARGET)), sqrt(dot(space, VALUE, VALUE))
     sigma = own if not own <= sigma else sigma
@@ -91,7 +92,7 @@ def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int
         if sigma != 0.0:
             parts[k] /= sigma
         worst = worst if parts[k] <= worst else parts[k]
-    return worst
+    return worst if unsound + 0.0 * parts[0] == 0.0 else inf
 
 
 @entry_point(
