@@ -1,6 +1,7 @@
 """How long do new processes take: to the first direction, to the first episode, for whole commands, cold and warm?
 
-Each measurement is a process of its own, from its start to its end, by the wall clock. Cold: numba's cache is a new
+Each measurement is a process of its own, from its start to its end, by the wall clock; beside it the processor's time,
+which neighbours on the machine lengthen less. Cold: numba's cache is a new
 folder, so every kernel that is met is compiled; warm: the same folder once more. Beside them stands what numba takes
 for itself: a process that loads one function of one line from the cache, and calls it; a first episode may take half a
 second more.
@@ -64,6 +65,7 @@ class Row:
     goal: float
     best: float
     median: float
+    cpu: float  # best; of the process and its own children
     repeats: int
 
 
@@ -103,17 +105,21 @@ def pair(
         warm = [seconds(command, folder, cache) for _ in range(repeats[1])]
     for name, goal, times in (("cold", goals[0], cold), ("warm", goals[1], warm)):
         if times:
-            rows.append(Row(what, name, goal, round(min(times), 2), round(statistics.median(times), 2), len(times)))
+            wall, cpu = zip(*times, strict=True)
+            numbers = (round(number, 2) for number in (min(wall), statistics.median(wall), min(cpu)))
+            rows.append(Row(what, name, goal, *numbers, len(times)))
             print(row_of(rows[-1]), flush=True)
     return rows
 
 
-def seconds(command: Sequence[str], folder: Path, cache: str) -> float:
-    """Wall seconds of the process; CalledProcessError with what it said if it fails."""
+def seconds(command: Sequence[str], folder: Path, cache: str) -> tuple[float, float]:
+    """Wall and CPU seconds of the process; CalledProcessError with what it said if it fails."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": cache, "PYTHONPATH": path(folder)}
-    start = time.perf_counter()
+    start, before = time.perf_counter(), os.times()
     subprocess.run(command, env=environment, check=True, capture_output=True, cwd=folder)
-    return time.perf_counter() - start
+    wall, after = time.perf_counter() - start, os.times()
+    used = after.children_user + after.children_system - before.children_user - before.children_system
+    return wall, used
 
 
 def path(folder: Path) -> str:
@@ -124,7 +130,7 @@ def path(folder: Path) -> str:
 def row_of(row: Row) -> str:
     """A line of the table."""
     goal = f"{row.goal:.3g}" if row.goal else ""
-    return f"| {row.what} | {row.cache} | {goal} | {row.best:.2f} | {row.median:.2f} | {row.repeats} |"
+    return f"| {row.what} | {row.cache} | {goal} | {row.best:.2f} | {row.median:.2f} | {row.cpu:.2f} | {row.repeats} |"
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -135,9 +141,10 @@ def page(rows: Sequence[Row]) -> str:
     return "\n".join(
         [
             "# New processes, cold and warm\n",
-            "Wall seconds of a whole process. Command: `python benchmarks/startup.py --out benchmarks/results`.\n",
-            "| process | numba's cache | goal | best | median | of |",
-            "|---|---|--:|--:|--:|--:|",
+            "Wall seconds of a whole process, and CPU seconds (best). "
+            "Command: `python benchmarks/startup.py --out benchmarks/results`.\n",
+            "| process | numba's cache | goal | best | median | CPU | of |",
+            "|---|---|--:|--:|--:|--:|--:|",
             *map(row_of, rows),
             f"\n{os.cpu_count()} cores, {platform.machine()} {platform.system()}; {versions}.\n",
         ]
