@@ -100,6 +100,8 @@ def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
 
 def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
     """b and E, of each row or one for all."""
+    if isinstance(bound, bool | np.bool_) or getattr(bound, "dtype", None) == np.bool_:
+        raise ValueError(f"bound should be numbers, and equality truth values; found the bound {bound!r}")
     is_equality = _check_equality(equality, shape)
     if type(bound) is float and -np.inf < bound < np.inf:
         return _spread(bound, shape), is_equality

@@ -14,13 +14,10 @@ from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restoration
 from .problem import ProblemBatch
 from .scaling import lengths
 from .solvers import (
-    SELF_JUDGING,
     ActiveSet,
     DirectionSolver,
     Rosen,
-    refereed,
     solve_batch,
-    tolerance_of,
 )
 from .step_geometry import StepGeometry
 from .validation import is_finite
@@ -154,8 +151,6 @@ class StepRun:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
         solver: DirectionSolver = self.settings.solver  # type: ignore[assignment]
         answers = solve_batch(solver, problems)
-        if type(solver) not in SELF_JUDGING:  # a subclass may do anything
-            answers = refereed(problems, answers, tolerance_of(solver))
         if self.observe is not None:
             self.observe(problems, answers.protected())
         if np.count_nonzero(answers.status):

@@ -53,11 +53,15 @@ def violation(problem: DirectionProblem, d: Vector) -> Violation:
 
 
 def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
-    """Whether d misses a bound by more than 1e-9 of itself: it may contradict another, short as it is. M = I."""
-    if not ((problem.bound != 0.0) & (problem.bound > -np.inf)).any():
+    """Whether d misses a row by more than 1e-9 of the least that any asks for: rows may contradict each other. M = I.
+
+    Rows that ask for nothing, b = 0, are missed too where they contradict one that asks.
+    """
+    if not np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0).any():
         return False
     lack = violation(problem, d)
-    return bool(((lack.bound != 0.0) & (np.abs(lack.amount) > _MISSED * np.abs(lack.bound))).any())
+    asked = np.where(problem.equality, np.abs(lack.bound), lack.bound)
+    return bool(np.abs(lack.amount).max(initial=0.0) > _MISSED * asked[asked > 0.0].min(initial=np.inf))
 
 
 def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:

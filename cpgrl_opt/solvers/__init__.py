@@ -4,11 +4,11 @@ A new solver is a frozen dataclass of settings with a core, `solve_small(small) 
 `SmallSolver`, in a file here, and one line below.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem
+from ..problem import DirectionProblem, ProblemBatch
 from .active_set import ActiveSet
 from .asking import ask, vouch_for
 from .enumeration import Enumeration
@@ -19,7 +19,7 @@ from .interface import (
     MissingPackageError,
     UnusablePackageError,
     refereed,
-    solve_batch,
+    solve_stacked,
     unsupported,
 )
 from .nnls import NNLS
@@ -76,15 +76,46 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     -------
     Direction : d, its multipliers, and a status that stands.
     """
-    solver = solver_named(solver) if isinstance(solver, str) else solver
-    if not callable(getattr(solver, "solve", None)):
-        raise ValueError(f"solver should be a name or have a method solve(problem); found {solver!r}")
+    if not isinstance(problem, DirectionProblem):
+        raise ValueError(f"problem should be a DirectionProblem; found {problem!r}")
+    solver = _checked(solver)
     if type(solver) in SELF_JUDGING:
         return solver.solve(problem)
     if not supports(solver, problem):
         return unsupported(problem)
     [answer] = refereed([problem], DirectionBatch.stack([ask(solver, problem)]), tolerance_of(solver))
     return answer
+
+
+def solve_batch(
+    solver: DirectionSolver | str, problems: ProblemBatch | Sequence[DirectionProblem], *, threads: int = 1
+) -> DirectionBatch:
+    """B problems of one shape by a solver or the name of one, by its own `solve_batch` where it has one.
+
+    Parameters
+    ----------
+    solver, problems : as for `solve`; what a solver that is not of SOLVERS claims is put before the referee, and a
+        problem that it does not take is UNSUPPORTED, unasked.
+    threads : parts of the batch solved side by side, to the same bits; worth it where solving lets other threads run,
+        as the compiled `active-set` and `rosen` do.
+
+    Returns
+    -------
+    DirectionBatch : one direction a problem. ValueError where the solver writes to the problems, or returns none.
+    """
+    solver = _checked(solver)
+    answers = solve_stacked(solver, problems, threads=threads)
+    if type(solver) in SELF_JUDGING or len(answers) == 0:
+        return answers
+    return refereed(problems, answers, tolerance_of(solver))
+
+
+def _checked(solver: DirectionSolver | str) -> DirectionSolver:
+    if isinstance(solver, str):
+        return solver_named(solver)
+    if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
+        raise ValueError(f"solver should be a name or have a method solve(problem); found {solver!r}")
+    return solver
 
 
 def is_installed(solver: DirectionSolver) -> bool:

@@ -14,21 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Multipliers, Vector
-from ..certify import is_proven, violation
+from ..certify import is_proven
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, without_geometry
-from ..scaling import lengths
 from .exact_core import project
 
-# ‖v‖ in units of the bounds that the proof names above which a problem is infeasible; bounds that should agree may
-# differ by rounding.
+# Σ bᵢyᵢ / Σ |bᵢyᵢ| above which a problem is infeasible; bounds that should agree may differ by rounding.
 VIOLATION_TOLERANCE = 1e-9
 _EXACT = 1e-12  # worst KKT residual of the projections
 
 
 @dataclass(frozen=True, eq=False)
 class LeastViolation:
-    """direction: (n,), violates least and is nearest to g; proof: (m,), a Farkas vector; size: ‖v‖ in those units."""
+    """direction: (n,), violates least and is nearest to g; proof: (m,), a Farkas vector y; size: Σ bᵢyᵢ / Σ |bᵢyᵢ|."""
 
     direction: Vector
     proof: Multipliers
@@ -44,10 +42,17 @@ def least_violation(problem: DirectionProblem) -> LeastViolation | None:
     size = np.inf  # where a zero row asks for something, there is nothing to measure it in
     asking = np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
     if not (asking & ~problem.jacobian.any(axis=1)).any():
-        lack = violation(problem, answer.value)
-        named = np.abs(lack.bound[answer.multipliers != 0.0]).max(initial=0.0)
-        size = float(lengths(lack.amount)) / float(named) if named > 0.0 else 0.0
+        size = _excess(problem.bound, answer.multipliers)
     return LeastViolation(answer.value, answer.multipliers, size) if size > VIOLATION_TOLERANCE else None
+
+
+def _excess(bound: Multipliers, y: Multipliers) -> float:
+    """Σ bᵢyᵢ / Σ |bᵢyᵢ|, which the lengths of the rows leave as it is; 0 where y names no bound that is not 0."""
+    b, y = bound[y != 0.0], y[y != 0.0]
+    if not b.any():
+        return 0.0
+    terms = (b / np.abs(b).max()) * (y / np.abs(y).max())
+    return float(terms.sum() / np.abs(terms).sum()) if terms.any() else 0.0
 
 
 def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Direction | None:

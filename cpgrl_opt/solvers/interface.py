@@ -77,31 +77,29 @@ class UnusablePackageError(MissingPackageError):
         )
 
 
-def solve_batch(
+def solve_stacked(
     solver: DirectionSolver, problems: ProblemBatch | Sequence[DirectionProblem], *, threads: int = 1
 ) -> DirectionBatch:
-    """B problems of one shape, by the solver's own `solve_batch` where it has one, else in a loop.
+    """What the solver claims of B problems of one shape, by its own `solve_batch` where it has one, else in a loop.
 
-    A problem that the solver declares not to take is UNSUPPORTED, unasked. What it raises, it raises; ValueError
-    where it writes to the problems or returns no directions. Of a batch of no problems it is not asked. threads: parts
-    of the batch solved side by side, to the same bits; worth it where solving lets other threads run, as the compiled
-    `active-set` and `rosen` do.
+    A problem that it declares not to take is UNSUPPORTED, unasked. What it raises, it raises; ValueError where it
+    writes to the problems or returns no directions. Of a batch of no problems it is not asked.
     """
     require_count("threads", threads)
     if len(problems) == 0:
         return no_answers(problems)
     problems = ProblemBatch.stack(problems)
     if (parts := min(threads, len(problems))) == 1:
-        return _solve_stacked(solver, problems)
+        return _solve_part(solver, problems)
     ends = [len(problems) * k // parts for k in range(parts + 1)]
     from concurrent.futures import ThreadPoolExecutor  # with `logging`: 6 ms that few need
 
     with ThreadPoolExecutor(parts) as pool:
-        pieces = pool.map(lambda k: _solve_stacked(solver, problems[ends[k] : ends[k + 1]]), range(parts))
+        pieces = pool.map(lambda k: _solve_part(solver, problems[ends[k] : ends[k + 1]]), range(parts))
         return DirectionBatch.join(list(pieces))
 
 
-def _solve_stacked(solver: DirectionSolver, problems: ProblemBatch) -> DirectionBatch:
+def _solve_part(solver: DirectionSolver, problems: ProblemBatch) -> DirectionBatch:
     facts = facts_of(solver)
     if facts.declines_by_itself:
         return ask_batch(solver, problems)

@@ -9,11 +9,10 @@ from math import frexp, inf
 
 import numpy as np
 
-from ..certify import is_proven, kkt_residuals
+from ..certify import is_proven, kkt_residuals, misses_a_bound
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem, ProblemBatch
 from ..scaling import lengths, unit_rows
-from .compiled._direct import MISSED
 from .compiled._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from .compiled._projection import project_stacked
 from .compiled._workspace import Booleans, Floats
@@ -54,19 +53,18 @@ def solve_thoroughly(problems: ProblemBatch, tolerance: float, *, tangent: bool 
 
 
 def find_contradiction(problem: DirectionProblem, value: Floats) -> Direction | None:
-    """The proof that rows which d misses contradict each other, however short that is beside g or another bound.
+    """The proof that rows contradict each other, however little it is that d misses beside g or another bound.
 
-    Each row missed by more than 1e-9 of its own bound is looked at with g = 0 among those with bounds of its size.
+    Where a row is missed by more than 1e-9 of the least that any asks for, rows are looked at with g = 0, first those
+    with bounds of that size or less, then with larger and larger ones.
     """
+    if not misses_a_bound(problem, value):
+        return None
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0.0) & (problem.bound > -inf)
     bound = np.where(on, rows.per_length(problem.bound), 0.0)
-    if not bound.any():
-        return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        lack = bound - rows.jacobian @ value
-    missed = np.where(problem.equality, np.abs(lack), lack) > MISSED * np.abs(bound)
-    for size in np.unique(np.abs(bound[on & missed & (bound != 0.0)])):
+    asked = np.unique(np.where(problem.equality, np.abs(bound), bound))
+    for size in _apart(asked[asked > 0.0]):
         near = on & (np.abs(bound) <= _SIZE * size)
         found = _solve(np.zeros_like(value), rows.jacobian[near], bound[near] / size, problem.equality[near], PLAIN)
         if found.status == Status.INFEASIBLE:
@@ -74,6 +72,15 @@ def find_contradiction(problem: DirectionProblem, value: Floats) -> Direction | 
             proof[near] = found.multipliers
             return replace(found, value=value, multipliers=rows.per_length(proof))
     return None
+
+
+def _apart(sizes: Floats) -> Iterator[float]:
+    """Some of the ascending sizes, each a thousand times the one before or more."""
+    last = 0.0
+    for size in sizes.tolist():
+        if size > 1e3 * last:
+            last = size
+            yield size
 
 
 def reconsider(problem: DirectionProblem, first: Direction, tolerance: float) -> Direction:
@@ -144,7 +151,8 @@ def _violate_least(problem: DirectionProblem, proven: Direction) -> Direction:
         return replace(proven, value=np.zeros_like(problem.gradient))
     exponent = frexp(max(float(lengths(problem.gradient)), float(required)))[1]
     gradient, bound = np.ldexp(problem.gradient, -exponent), np.ldexp(bound, -exponent)
-    included = exact | (bound > _FAR)
+    named = float(np.abs(bound[proven.multipliers[on] != 0.0]).max(initial=0.0)) or inf
+    included = (exact | (bound > _FAR)) & (np.abs(bound) <= _SIZE * named)  # beside larger ones y would be rounding
     while True:
         y = np.zeros(len(bound))
         y[included] = _residual(unit[included], bound[included], exact[included])

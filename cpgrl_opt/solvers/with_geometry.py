@@ -8,7 +8,7 @@ from ..problem import DirectionProblem, ProblemBatch, without_geometry
 from .asking import ask
 from .base import Solver
 from .facts import supports, tolerance_of
-from .interface import DirectionSolver, solve_batch, unsupported
+from .interface import DirectionSolver, solve_stacked, unsupported
 
 
 @dataclass(frozen=True)
@@ -55,4 +55,4 @@ class WithGeometry(Solver):
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """The solver's own answers."""
-        return solve_batch(self.solver, problems)
+        return solve_stacked(self.solver, problems)

@@ -134,3 +134,19 @@ def test_nobody_makes_a_problems_arrays_writable(bound: object, n: int) -> None:
         with pytest.raises(ValueError, match="cannot set WRITEABLE"):
             getattr(problem, name).flags.writeable = True
     assert not DirectionProblem(np.ones(n), np.eye(2, n), bound).equality.any()  # type: ignore[arg-type]
+
+
+def test_claims_of_others_are_put_before_the_referee_in_batches_too() -> None:
+    class Idle:
+        def solve(self, problem: DirectionProblem) -> Direction:
+            return Direction(problem.gradient, np.zeros(problem.m), Status.OPTIMAL)
+
+    problems = [DirectionProblem([1.0, 1.0], [[-1.0, 0.0]]), DirectionProblem([-1.0, 1.0], [[-1.0, 0.0]])]
+    assert [each.status for each in solve_batch(Idle(), problems)] == [Status.UNCERTIFIED, Status.OPTIMAL]
+    assert [each.status for each in solve_batch("active-set", problems)] == [Status.OPTIMAL, Status.OPTIMAL]
+
+
+@pytest.mark.parametrize("problem", [None, (1, 2), np.ones(3)])
+def test_what_is_no_problem_is_refused(problem: object) -> None:
+    with pytest.raises(ValueError, match="problem should be a DirectionProblem"):
+        solve(problem)  # type: ignore[arg-type]

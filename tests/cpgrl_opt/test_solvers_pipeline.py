@@ -221,7 +221,7 @@ def test_the_least_violation_is_nearest_to_the_gradient_among_its_equals() -> No
     least = least_violation(problem)
     assert least is not None
     np.testing.assert_allclose(least.direction, [0, 2, 5], atol=1e-12)
-    assert least.size == pytest.approx(np.sqrt(2))  # in units of the two bounds that contradict each other
+    assert least.size == pytest.approx(1.0)  # Σ bᵢyᵢ / Σ |bᵢyᵢ|
 
 
 def test_a_very_low_bound_costs_the_least_violation_no_digits() -> None:

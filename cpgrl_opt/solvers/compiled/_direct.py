@@ -23,7 +23,9 @@ APART, COPY = 1e-4, 1e-12  # squared distances from the others' span: well apart
 # At a vertex further rows are missed by rounding: at 4 eps a dozen in 20 000 problems exchanged them without an end.
 # The residual judges the answer in any case.
 VERTEX = 16 * EPS
-MISSED = 1e-9  # a bound missed by more of itself may contradict another, however small that is beside g
+# A row missed by more than this of the least that any row asks for may contradict others, however little that is beside
+# a long g: ten times what `infeasibility` calls rounding would let contradictions pass, a tenth only costs time.
+MISSED = 1e-9
 SAFE = 1e150  # lengths between 1/SAFE and SAFE can be squared
 
 # Rows of small, one number a constraint: b̂, ĉ, 1/‖Jᵢ‖, μ̂, μ, Ĵᵢd − b̂ᵢ; the last two by the order of 𝒜: 1/D, solution.
@@ -186,10 +188,12 @@ def measure(
 
     Dual is 0 here. "not ≤" lets NaN through.
     """
-    primal, complementarity = 0.0, 0.0
+    primal, complementarity, asked = 0.0, 0.0, inf
     for i in range(small.shape[1]):
         if state[i] != OFF:
             mu, slack = small[MU, i], small[SLACK, i]
+            asks = abs(small[BOUND, i]) if equality[first + i] else small[BOUND, i]
+            asked = asks if 0.0 < asks < asked else asked
             if slack != slack:  # NaN, which the comparisons with the next row's would lose
                 return inf
             missed = abs(slack) if equality[first + i] else -slack
@@ -197,8 +201,8 @@ def measure(
             if not equality[first + i]:
                 least = abs(slack if slack < mu else mu)
                 complementarity = complementarity if least <= complementarity else least
-            if missed > MISSED * abs(small[BOUND, i]) and small[BOUND, i] != 0.0:  # rounding, beside a long g; or not
-                return inf
+    if primal > MISSED * asked:  # rounding, beside a long g; or not
+        return inf
     worst = primal if complementarity <= primal else complementarity
     worst = worst if stationarity <= worst else stationarity
     if not 1.0 / SAFE < sigma < SAFE:
