@@ -294,8 +294,6 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
             part = ProblemBatch.trusted(*(np.ascontiguousarray(array[index]) for array in _arrays(self)))
             self._hand_geometry(part, np.arange(len(self))[index])
             return part
-        if not isinstance(index, int | np.integer):
-            raise TypeError(f"index should be an integer or a slice, or use chosen(mask); found {index!r}")
         problem = DirectionProblem.trusted(*(array[index] for array in _arrays(self)))
         if self.whitening is not None and self.metric is not None:
             _set_metric(problem, self.metric[index], self.whitening[index])

@@ -272,10 +272,3 @@ def test_a_copied_step_is_the_same_step(how):
 def test_truth_values_are_no_bounds(bound: object) -> None:
     with pytest.raises(ValueError, match="bound should be numbers, and equality truth values"):
         DirectionProblem([1.0, 0.0], np.eye(2), bound)  # type: ignore[arg-type]
-
-
-def test_a_batch_says_how_problems_are_chosen() -> None:
-    batch = ProblemBatch(np.ones((2, 3)), np.ones((2, 1, 3)))
-    for index in ([0, 1], np.array([True, False])):
-        with pytest.raises(TypeError, match=r"index should be an integer or a slice, or use chosen\(mask\)"):
-            batch[index]  # type: ignore[call-overload]
