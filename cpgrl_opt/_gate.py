@@ -91,6 +91,7 @@ def _is_vector(row: object) -> bool:
 
 
 def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
+    """The radius of each problem of a batch; ValueError unless there are so many, all finite and > 0."""
     radii = finite_array("radius", radius, 1)
     require_shape("radius", radii, (count,))
     if not (radii > 0).all():

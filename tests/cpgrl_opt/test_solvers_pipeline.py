@@ -243,3 +243,13 @@ def test_polished_answers_are_those_of_the_rows_as_given(name: str, family: str,
     answer, exact = SOLVERS[name].solve(problem), SOLVERS["active-set"].solve(problem)
     assert answer.status == Status.OPTIMAL
     assert np.linalg.norm(answer.value - exact.value) <= 1e-9 * np.linalg.norm(problem.gradient)
+
+
+@pytest.mark.parametrize("name", ["osqp", "cvxpy", "nnls", "enumeration", "clarabel"])
+def test_a_core_answers_a_small_problem_by_itself(name: str) -> None:
+    if not is_usable(SOLVERS[name]):
+        pytest.skip(f"{name} is not installed")
+    small = SmallProblem(np.array([-1.0, 2.0]), np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(1, np.bool_))
+    answer = SOLVERS[name].solve_small(small)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(answer.point, [0.0, 2.0], atol=1e-6)
+    np.testing.assert_allclose(answer.multipliers, [1.0], atol=1e-6)
