@@ -1,4 +1,4 @@
-"""One call of a step on the rows as they are: formulation → solver → safeguards → change of θ."""
+"""One call of a step where M = I: formulation → solver → safeguards → change of θ."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,7 +19,6 @@ from .solvers import (
     Rosen,
     solve_batch,
 )
-from .step_geometry import StepGeometry
 from .validation import is_finite
 
 if TYPE_CHECKING:
@@ -47,7 +46,6 @@ class StepRun:
         self.runs = runs
         self.any_skipped = False
         self._counts: dict[str, np.ndarray] | None = None
-        self.geometry: StepGeometry | None = settings._geometry  # type: ignore[attr-defined]
 
     @property
     def counts(self) -> dict[str, Int[np.ndarray, "B"]]:
@@ -63,9 +61,6 @@ class StepRun:
     def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
         """The change of θ (B, n) and whether a run is stationary (B,)."""
         settings, n = self.settings, constraints.gradients.shape[2]
-        if self.geometry is not None:
-            more = constraints.target.shape[1] if settings.ridge > 0 else 0
-            self.geometry = self.geometry.for_parameters(n, more)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
             self.counts["softened"] += constraints.active.any(axis=1)
@@ -75,7 +70,7 @@ class StepRun:
         still, any_still = self.at_rest(tangent, constraints)
         if settings.formulation == "equality" and (any_still or settings.drop == "always"):
             if settings.drop == "never":
-                still[still] = ~has_positive_multipliers(constraints.rows(still), self.geometry)
+                still[still] = ~has_positive_multipliers(constraints.rows(still))
             else:
                 tangent, restoration, still = self.drop(constraints, tangent, restoration, still)
         change = settings.step_size * tangent
@@ -115,8 +110,6 @@ class StepRun:
 
     def measure(self, solver: DirectionSolver, problems: ProblemBatch) -> Float[np.ndarray, "B n"]:
         """The restorations, to be measured; a failure is treated as one of the step's own."""
-        if self.geometry is not None:
-            problems = self.geometry.restoration(problems)
         answers = solve_batch(solver, problems)
         if (answers.status > Status.INFEASIBLE).any():
             answers = self.hand_on(problems, answers, np.arange(len(answers)))
@@ -126,8 +119,7 @@ class StepRun:
         """The factor ≤ 1 with αₑ‖v‖ ≤ max_restoration in the n parameters; what a ridge adds to them moves no θ."""
         moves = moves.copy()
         moves[:, n:] = 0.0
-        size = lengths(moves) if self.geometry is None else self.geometry.lengths(moves)
-        length = self.settings.restoration_rate * size
+        length = self.settings.restoration_rate * lengths(moves)
         too_long = length > self.settings.max_restoration
         self.counts["capped"] |= too_long
         return np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
@@ -139,11 +131,10 @@ class StepRun:
         settings = self.settings
         ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
         problems, count = FORMULATIONS[settings.formulation].problems(constraints, ratio), len(runs)
-        if self.geometry is not None:
-            tangents = self.solve_certified(self.geometry.tangent(problems[:count]), runs)
+        if settings.radius is not None:  # the tangent's alone: a restoration is the shortest move that restores
+            in_ball = self.solve_certified(problems[:count].in_geometry(None, settings.radius), runs).value
             apart = len(problems) > count
-            moves = self.solve_certified(self.geometry.restoration(problems[count:]), runs).value if apart else None
-            return tangents.value, moves
+            return in_ball, self.solve_certified(problems[count:], runs).value if apart else None
         answers = self.solve_certified(problems, runs)
         return answers.value[:count], answers.value[count:] if len(answers) > count else None
 
@@ -194,11 +185,11 @@ class StepRun:
         open_ = still if self.settings.drop == "stationary" else active.any(axis=1)
         for _ in range(active.shape[1]):
             chosen = np.flatnonzero(open_ & (self.counts["skipped"] == 0) if self.any_skipped else open_)
-            chosen = chosen[has_positive_multipliers(constraints.rows(chosen, active), self.geometry)]
+            chosen = chosen[has_positive_multipliers(constraints.rows(chosen, active))]
             if not chosen.size:
                 break
             before = constraints.rows(chosen, active)
-            active[chosen] &= ~leaving_constraints(before, self.geometry, raw=self.settings.raw_multipliers)
+            active[chosen] &= ~leaving_constraints(before, raw=self.settings.raw_multipliers)
             fewer = constraints.rows(chosen, active)
             self.counts["dropped"][chosen] += np.count_nonzero(before.active & ~fewer.active, axis=1)
             tangent[chosen], again = self.solve(fewer, chosen)
@@ -210,6 +201,12 @@ class StepRun:
 
     def at_rest(self, tangent: np.ndarray, constraints: ActiveConstraints) -> tuple[Bool[np.ndarray, "B"], bool]:
         """PΔ¹ = 0 up to rounding, by run, and whether in any; with `equality` whatever the solver's tolerance."""
+        radius = self.settings.radius
         if self.settings.formulation == "equality" and type(self.settings.solver) not in CLOSED_FORM:
-            tangent = tangents(constraints, self.geometry)
-        return vanishing(tangent, constraints, self.geometry)
+            tangent = tangents(constraints, radius)
+        if radius is None:
+            return vanishing(tangent, constraints)
+        still = np.logical_not(
+            tangent.any(axis=1)
+        )  # in a ball, where s is as long as the radius or 0, solvers round it themselves
+        return still, bool(still.any())

@@ -11,55 +11,40 @@ rows. Two things do not:
                           component. The largest is dropped, and whatever ties with it, as equal rows always do: the
                           order would decide between them.
 
-In a metric Jᵢ and Δ¹ are taken where M = I. Source: §2.3 of the paper; Moreau 1962 for the first.
+Source: §2.3 of the paper; Moreau 1962 for the first.
 """
-
-from dataclasses import replace
 
 import numpy as np
 
-from .arrays import Bool, Float, Int
+from .arrays import Bool, Float, Int, Number
 from .formulation import FORMULATIONS, ActiveConstraints, step_kernels
-from .problem import ProblemBatch
 from .projection import largest_multipliers, unit_multipliers
 from .solvers import ActiveSet, Rosen, solve_batch
-from .step_geometry import StepGeometry
 
 # What counts as 0 of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
 NEGLIGIBLE = 1e-10
 
 
-def vanishing(
-    moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints, geometry: StepGeometry | None
-) -> tuple[Bool[np.ndarray, "B"], bool]:
+def vanishing(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> tuple[Bool[np.ndarray, "B"], bool]:
     """Whether a move is 0 up to rounding, relative to Δ¹: by run, and whether in any."""
-    if geometry is not None:
-        found = geometry.vanishing(moves, constraints.gradients[:, 0], NEGLIGIBLE)
-        return found, bool(found.any())
     found = np.empty(len(moves), np.bool_)
     return found, step_kernels().mark_vanishing(moves, constraints.gradients, NEGLIGIBLE, found)
 
 
-def tangents(constraints: ActiveConstraints, geometry: StepGeometry | None) -> Float[np.ndarray, "B n"]:
+def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Float[np.ndarray, "B n"]:
     """PΔ¹, in the ball where there is one, by the closed form: a solver may stop anywhere within its tolerance."""
-    return solve_batch(Rosen(), _problems("equality", constraints, geometry)).value
+    return solve_batch(Rosen(), FORMULATIONS["equality"].tangents(constraints).in_geometry(None, radius)).value
 
 
-def has_positive_multipliers(constraints: ActiveConstraints, geometry: StepGeometry | None) -> Bool[np.ndarray, "B"]:
+def has_positive_multipliers(constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
     """Whether no λ ≤ 0 exists: the cone Jd ≥ 0 lets Δ¹ climb farther than Jd = 0 does."""
-    flat = None if geometry is None else replace(geometry, radius=None)
-    in_cone = solve_batch(ActiveSet(), _problems("cone", constraints, flat)).value
-    return ~vanishing(in_cone - tangents(constraints, flat), constraints, flat)[0]
+    in_cone = solve_batch(ActiveSet(), FORMULATIONS["cone"].tangents(constraints)).value
+    return ~vanishing(in_cone - tangents(constraints), constraints)[0]
 
 
-def leaving_constraints(
-    constraints: ActiveConstraints, geometry: StepGeometry | None, *, raw: bool = False
-) -> Bool[np.ndarray, "B m"]:
+def leaving_constraints(constraints: ActiveConstraints, *, raw: bool = False) -> Bool[np.ndarray, "B m"]:
     """What is dropped of 𝒜 in runs that have positive multipliers. raw: compare λᵢ instead of λ̂ᵢ, as printed."""
-    gradients, whitening = constraints.gradients, None if geometry is None else geometry.whitening
-    if whitening is not None:
-        gradients = whitening.rows(gradients.reshape(-1, gradients.shape[2])).reshape(gradients.shape)
-    unit, size, exponents = _unit_vectors(gradients)
+    unit, size, exponents = _unit_vectors(constraints.gradients)
     rows = np.where(constraints.active[:, :, None], unit[:, 1:], 0.0)
     hats = np.where(constraints.active, unit_multipliers(rows, unit[:, 0]), 0.0)  # rounding leaves some of no row
     largest = hats.max(axis=1, initial=0.0, keepdims=True)
@@ -79,9 +64,3 @@ def _unit_vectors(
     size = np.sqrt(np.vecdot(scaled, scaled))
     size = np.where(size > 0, size, 1.0)
     return scaled / size[:, :, None], size, exponents
-
-
-def _problems(formulation: str, constraints: ActiveConstraints, geometry: StepGeometry | None) -> ProblemBatch:
-    """The tangent problems."""
-    problems = FORMULATIONS[formulation].problems(constraints, 0.0)[: len(constraints.target)]
-    return problems if geometry is None else geometry.tangent(problems)

@@ -88,6 +88,10 @@ class Formulation:
     is_equality: bool
     restores_inside: bool
 
+    def tangents(self, constraints: ActiveConstraints, rate_ratio: float = 0.0) -> ProblemBatch:
+        """The B tangent problems alone."""
+        return self.problems(constraints, rate_ratio)[: len(constraints.target)]
+
     def problems(self, constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:
         """B tangent problems, followed by B restoration problems unless these are inside; rate_ratio is αₑ/α₁."""
         runs, channels, n = constraints.gradients.shape

@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from .arrays import ArrayLike, Float
-from .validation import real_values, require_finite, require_shape
+from .metric import Whitening
+from .validation import is_finite, real_values, require_finite, require_shape
 from .vectors import ArrayVectors, is_long
 
 
@@ -64,6 +65,21 @@ class Linearization:
     def jacobian(self) -> Float[np.ndarray, "*runs m n"]:
         """Constraint gradients Δ², Δ³, … as rows: Nᵀ of the paper."""
         return self.gradients[..., 1:, :]
+
+    def whitened(self, whitening: Whitening) -> "Linearization":
+        """The same in the coordinates where M = LLᵀ is I, the gradients JL⁻ᵀ; ValueError where one overflows.
+
+        Run by run, since the bits of many rows solved at once depend on their number.
+        """
+        gradients = np.empty(self.gradients.shape)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            for run in np.ndindex(gradients.shape[:-2]):
+                gradients[run] = whitening.rows(self.gradients[run])
+        if not is_finite(gradients):
+            raise ValueError(
+                "gradients should be finite where the metric is the identity, JL⁻ᵀ of M = LLᵀ; found one that overflows"
+            )
+        return Linearization(self.values, gradients)
 
     def slack(self, thresholds: Float[np.ndarray, "m"]) -> Float[np.ndarray, "*runs m"]:
         """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""

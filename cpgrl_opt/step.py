@@ -5,8 +5,8 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from .direction import DirectionBatch
 from .drop_rule import NEGLIGIBLE
 from .formulation import FORMULATIONS
 from .linearization import Linearization
+from .metric import Whitening, validated_metric
 from .problem import ProblemBatch
 from .solvers import (
     SOLVERS,
@@ -27,7 +28,6 @@ from .solvers import (
     solver_named,
     tolerance_of,
 )
-from .step_geometry import StepGeometry
 from .step_in_span import step_in_span
 from .validation import (
     ReadOnlyArrays,
@@ -38,6 +38,7 @@ from .validation import (
     real_values,
     require_member,
     require_nonnegative,
+    require_positive,
     require_shape,
 )
 from .vectors import is_long
@@ -87,7 +88,8 @@ class ConstrainedStep(ReadOnlyArrays):
         `restoring` s solves a problem like that of constrained policy optimization (Achiam et al. 2017), but only on
         the active constraints and with b = −(αₑ/α₁) min(slack, 0), where CPO has b = −slack for all: a constraint that
         is met with slack may be broken in one step. Restorations v know no radius. The solver should have
-        `takes_geometry`.
+        `takes_geometry` for a radius; a metric asks nothing of it: the gradients are taken to the coordinates where
+        M = I, whatever follows is Euclidean there, and the change is brought back.
     on_failure: a subproblem neither OPTIMAL nor INFEASIBLE is handed to active-set ("fallback"), leaves θ as it
         is ("skip"), or raises DirectionError ("raise"). A fallback that fails too is skipped.
     """
@@ -134,21 +136,21 @@ class ConstrainedStep(ReadOnlyArrays):
                 "restoration_rate / step_size should be finite with formulation 'restoring'; found "
                 f"{self.restoration_rate!r} / {self.step_size!r}"
             )
-        geometry = StepGeometry.of(self.metric, self.radius)
-        if geometry is not None and not facts_of(self.solver).takes_geometry:
+        if self.radius is not None:
+            require_positive("radius", self.radius)
+        if self.radius is not None and not facts_of(self.solver).takes_geometry:
             raise ValueError(
-                f"solver should take metric and radius; found {self.solver!r}, which does not say so. Wrap it: "
+                f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
                 "cpgrl_opt.WithGeometry(solver)"
             )
-        if geometry is not None and geometry.metric is not None:
-            object.__setattr__(self, "metric", geometry.metric)
-            object.__setattr__(self, "_metric_bytes", geometry.metric.tobytes())
-        object.__setattr__(self, "_geometry", geometry)
+        if self.metric is not None:
+            metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
+            vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
         object.__setattr__(self, "_direct", self._usual_way())
 
     def _usual_way(self) -> tuple[Any, ...] | None:
         """Arguments of `direct_step.move`; None where these settings need more than it does."""
-        is_plain = self.ridge == 0 and self.max_restoration == np.inf and self._geometry is None  # type: ignore[attr-defined]
+        is_plain = self.ridge == 0 and self.max_restoration == np.inf and self.radius is None
         drops_always = self.formulation == "equality" and self.drop == "always"
         if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always:
             return None
@@ -159,7 +161,13 @@ class ConstrainedStep(ReadOnlyArrays):
 
     def usual_way(self, m: int, n: int) -> tuple[Any, ...] | None:
         """Arguments of `direct_step.move` after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
-        return None if self.rule is not violated or is_long(m, n) else vars(self).get("_direct")
+        needs_more = self.rule is not violated or self.metric is not None or is_long(m, n)
+        return None if needs_more else vars(self).get("_direct")
+
+    @cached_property
+    def _whitening(self) -> Whitening | None:
+        """L of M = LLᵀ; None where M = I."""
+        return None if self.metric is None else validated_metric(self.metric, len(self.metric))[1]  # type: ignore[arg-type]
 
     def __call__(
         self,
@@ -171,8 +179,9 @@ class ConstrainedStep(ReadOnlyArrays):
         """The change of θ that climbs Δ¹ while the active constraints hold or are restored.
 
         thresholds: (m,), Gⁱ. previous: the last result's `active`, for rules with memory. observe: sees every
-        subproblem with its answer; for long gradients run by run, in 1 + m coordinates. Raises ValueError when
-        thresholds do not fit, DirectionError if so set, FloatingPointError where rates times directions overflow.
+        subproblem with its answer: where M = I, of (JL⁻ᵀ, L⁻¹g) for M = LLᵀ; for long gradients run by run, in 1 + m
+        coordinates. Raises ValueError when thresholds or metric do not fit, DirectionError if so set,
+        FloatingPointError where rates times directions overflow.
         """
         limits = real_values("thresholds", thresholds)
         require_shape("thresholds", limits, (linearization.gradients.shape[-2] - 1,))
@@ -181,7 +190,19 @@ class ConstrainedStep(ReadOnlyArrays):
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
         active = self._active(slack, previous)
-        if linearization.is_long and self._geometry is None:  # type: ignore[attr-defined]
+        whitening = self._whitening  # other ways to M⁻¹ find their own coordinates here, as `step_in_span` does
+        if whitening is None:
+            return self._where_identity(linearization, slack, active, observe)
+        n = linearization.gradients.shape[-1]
+        require_shape("metric", self.metric, (n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
+        result = self._where_identity(linearization.whitened(whitening), slack, active, observe)
+        return replace(result, change=_original(whitening, result.change))
+
+    def _where_identity(
+        self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+    ) -> StepResult:
+        """The step in coordinates where M = I; long gradients in those of their span."""
+        if linearization.is_long:
             results = step_in_span(self._on_rows, linearization.vectors, slack, active, float(self.step_size), observe)
             return _stack(results, active, linearization.gradients.shape[-1]) if slack.ndim > 1 else results[0]
         return self._on_rows(linearization.gradients, slack, active, observe)
@@ -238,6 +259,19 @@ def usual_result(
     """What `direct_step.move` did: nothing but `flat` is counted."""
     counts = {**dict.fromkeys(COUNTS, nothing(flat.shape)), "flat": flat}
     return StepResult(change, active, np.zeros(flat.shape, np.bool_), counts)
+
+
+def _original(whitening: Whitening, change: Float[np.ndarray, "*runs n"]) -> Float[np.ndarray, "*runs n"]:
+    """L⁻ᵀx of every run; FloatingPointError where one overflows."""
+    original = np.empty(change.shape)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        for run in np.ndindex(change.shape[:-1]):
+            original[run] = whitening.original(change[run])
+    if not is_finite(original):
+        raise FloatingPointError(
+            "the change of θ should be finite; found one that overflows in the units of the metric"
+        )
+    return original
 
 
 def _stack(results: list[StepResult], active: np.ndarray, n: int) -> StepResult:

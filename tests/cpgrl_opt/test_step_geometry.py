@@ -36,6 +36,10 @@ def fisher(seed, n=5):
     return root @ root.T + 0.1 * np.eye(n)
 
 
+def inner_products(M, gradients):
+    return gradients @ np.linalg.solve(M, gradients.T)
+
+
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_without_active_constraints_a_metric_makes_the_natural_gradient(formulation):
     M, linearization = fisher(0), random_linearization(1)
@@ -63,18 +67,23 @@ def test_equality_in_a_metric_is_the_projection_and_restoration_in_it():
 
 
 def test_restoring_with_a_radius_solves_a_trust_region_problem_on_the_active_constraints():
-    """max gᵀs s.t. Js ≥ (αₑ/α₁)t, sᵀMs ≤ radius²; the observed problem and answer are the referee's to judge."""
+    """max gᵀs s.t. Js ≥ (αₑ/α₁)t, sᵀMs ≤ radius², as the referee sees it in the metric; an observer sees it without."""
     M, linearization, seen = fisher(4), random_linearization(5), []
     thresholds = linearization.values[1:] + np.array([0.02, 0.01])
     step = plain(formulation="restoring", metric=M, radius=2.0)
     result = step(linearization, thresholds, observe=lambda problems, answers: seen.append((problems, answers)))
     [(problems, answers)] = seen
     assert problems[0].radius == 2.0
-    np.testing.assert_array_equal(problems[0].metric, M)
+    assert problems[0].metric is None
     assert answers[0].status == Status.OPTIMAL
     assert answers[0].radius_multiplier > 0
     assert kkt_residuals(problems[0], answers[0]).worst <= 1e-12
-    np.testing.assert_allclose(result.change, 0.02 * answers[0].value)
+    gradients = np.vstack([problems[0].gradient, problems[0].jacobian])
+    np.testing.assert_allclose(gradients @ gradients.T, inner_products(M, linearization.gradients), rtol=1e-10)
+    given = DirectionProblem(
+        linearization.objective_gradient, linearization.jacobian, [0.05, 0.025], metric=M, radius=2.0
+    )
+    assert kkt_residuals(given, dataclasses.replace(answers[0], value=result.change / 0.02)).worst <= 1e-12
 
 
 def test_restoring_with_a_radius_is_not_constrained_policy_optimization_where_there_is_slack():
@@ -156,11 +165,51 @@ class Plain:
         return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL)
 
 
-def test_a_solver_that_has_never_heard_of_metrics_is_refused_until_it_is_wrapped():
+def test_a_solver_that_has_never_heard_of_balls_is_refused_until_it_is_wrapped():
     with pytest.raises(ValueError, match="WithGeometry"):
         plain(solver=Plain(), radius=1.0)
-    change = plain(solver=WithGeometry(Plain()), metric=np.full(5, 4.0))(random_linearization(1), np.full(2, NOTHING))
-    np.testing.assert_allclose(change.change, 0.02 / 4.0 * random_linearization(1).objective_gradient)
+    linearization = random_linearization(1)
+    change = plain(solver=WithGeometry(Plain()), radius=2.0)(linearization, np.full(2, NOTHING)).change
+    g = linearization.objective_gradient
+    np.testing.assert_allclose(change, 0.02 * 2.0 * g / np.linalg.norm(g))
+
+
+@pytest.mark.parametrize("metric", [np.array([1.0, 2.0, 3.0, 4.0, 5.0]), fisher(11)])
+def test_any_solver_is_asked_in_coordinates_where_the_metric_is_the_identity(metric):
+    """One that has never heard of metrics, and the closed form of P, s = M⁻¹(g + Jᵀμ) with Js = 0."""
+    linearization = random_linearization(1)
+    g, M = linearization.objective_gradient, np.diag(metric) if metric.ndim == 1 else metric
+    change = plain(solver=Plain(), metric=metric)(linearization, np.full(2, NOTHING)).change
+    np.testing.assert_allclose(change, 0.02 * np.linalg.solve(M, g), rtol=1e-10)
+    answers = [plain(solver=name, metric=metric)(linearization, np.zeros(2)).change for name in ("rosen", "nnls")]
+    np.testing.assert_allclose(*answers, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("radius", [None, 0.4])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_long_gradients_in_a_diagonal_metric_are_whitened_and_then_reduced(formulation, radius):
+    """The change is that of θ in units √Mⱼⱼ, whose gradients are as long."""
+    rng = np.random.default_rng(12)
+    size, n = rng.uniform(0.5, 2.0, 40_000), 40_000
+    long = Linearization(rng.standard_normal(3), rng.standard_normal((3, n)))
+    scaled = Linearization(long.values, long.gradients / size)
+    seen, settings = [], {"formulation": formulation, "radius": radius}
+    thresholds = long.values[1:] + 0.1
+    change = plain(**settings, metric=size**2)(long, thresholds, observe=lambda each, _: seen.append(each)).change
+    assert {problems.gradient.shape[1] for problems in seen} == {3}  # 1 + m
+    np.testing.assert_allclose(change, plain(**settings)(scaled, thresholds).change / size, rtol=1e-12, atol=1e-18)
+
+
+def test_gradients_that_overflow_where_the_metric_is_the_identity_are_refused():
+    linearization = Linearization([0.0, -1.0], [[1.0, 1.0], [1e200, 1.0]])
+    with pytest.raises(ValueError, match="gradients should be finite where the metric is the identity"):
+        plain(metric=[1e-250, 1.0])(linearization, [0.0])
+
+
+def test_a_change_that_overflows_in_the_units_of_the_metric_is_refused():
+    linearization = Linearization([0.0, 1.0], [[1e160, 1.0], [0.0, 1.0]])
+    with pytest.raises(FloatingPointError, match="overflows in the units of the metric"):
+        plain(metric=[1e-200, 1.0])(linearization, [0.0])
 
 
 def test_every_solver_of_ours_is_taken():
@@ -199,5 +248,4 @@ def test_the_ridge_in_a_metric_is_the_regularised_inverse_in_it(metric):
     step = plain(metric=metric, ridge=ridge)
     result = step(linearization, linearization.values[1:] + target, observe=lambda problems, _: seen.append(problems))
     np.testing.assert_allclose(result.change, expected, rtol=1e-8, atol=1e-12)
-    extended = seen[0][0].metric
-    assert (extended if extended.ndim == 1 else extended.diagonal())[5:].tolist() == [1.0, 1.0]
+    np.testing.assert_allclose(seen[0][0].jacobian[:, 5:], np.sqrt(ridge) * np.eye(2))
