@@ -1,9 +1,8 @@
 """One call of a step where M = I: formulation → solver → safeguards → change of θ."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,34 +12,40 @@ from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, 
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .problem import ProblemBatch
 from .scaling import lengths
-from .solvers import (
-    ActiveSet,
-    DirectionSolver,
-    Rosen,
-    solve_batch,
-)
+from .solvers import ActiveSet, DirectionSolver, Rosen, solve_batch, tolerance_of
+from .step_result import COUNTS, StepResult, nothing
+from .step_settings import CLOSED_FORM, StepSettings
 from .validation import is_finite
 
-if TYPE_CHECKING:
-    from .step import ConstrainedStep
 
-COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened", "flat")
-# Of their answers PΔ¹ = 0 is seen as well as by the closed form.
-CLOSED_FORM = (ActiveSet, Rosen)
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """Tangents or restorations of B runs: value (B, n), multipliers (B, m), residuals (B, 4), NaN where none."""
 
+    value: Float[np.ndarray, "B n"]
+    multipliers: Float[np.ndarray, "B m"]
+    residuals: Float[np.ndarray, "B 4"]
 
-@cache
-def nothing(runs: tuple[Any, ...]) -> Int[np.ndarray, "*runs"]:
-    """Zeros that nobody can write to: what is counted in most updates."""
-    zeros = np.zeros(runs, np.int64)
-    zeros.flags.writeable = False
-    return zeros
+    @classmethod
+    def of(cls, answers: DirectionBatch) -> "Moves":
+        """The answers' numbers."""
+        known = answers.residuals
+        return cls(answers.value, answers.multipliers, np.full((len(answers), 4), np.nan) if known is None else known)
+
+    def copied(self) -> "Moves":
+        """In arrays of its own."""
+        return Moves(self.value.copy(), self.multipliers.copy(), self.residuals.copy())
+
+    def put(self, runs: Int[np.ndarray, "part"], others: "Moves") -> None:
+        """Those of some runs anew."""
+        self.value[runs], self.multipliers[runs] = others.value, others.multipliers
+        self.residuals[runs] = others.residuals
 
 
 class StepRun:
     """One call of a step: carries the counts while the pieces below do the work."""
 
-    def __init__(self, settings: "ConstrainedStep", observe: Any, runs: int) -> None:
+    def __init__(self, settings: StepSettings, observe: Any, runs: int) -> None:
         self.settings = settings
         self.observe = observe
         self.runs = runs
@@ -58,36 +63,51 @@ class StepRun:
         """The counts, read only where all are 0."""
         return dict.fromkeys(COUNTS, nothing((self.runs,))) if self._counts is None else self._counts
 
-    def step(self, constraints: ActiveConstraints) -> tuple[np.ndarray, np.ndarray]:
-        """The change of θ (B, n) and whether a run is stationary (B,)."""
-        settings, n = self.settings, constraints.gradients.shape[2]
+    def step(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray) -> StepResult:
+        """Of B runs: (B, 1 + m, n), (B, m), (B, m)."""
+        settings, n = self.settings, gradients.shape[2]
+        constraints = self.admit(gradients, slack, active)
         if settings.ridge > 0:
             constraints = constraints.softened(settings.ridge)
             self.counts["softened"] += constraints.active.any(axis=1)
         if settings.max_restoration < np.inf:
             constraints = self.cap(constraints, n)
         tangent, restoration = self.solve(constraints, np.arange(len(constraints.target)))
-        still, any_still = self.at_rest(tangent, constraints)
+        still, any_still = self.at_rest(tangent.value, constraints)
         if settings.formulation == "equality" and (any_still or settings.drop == "always"):
             if settings.drop == "never":
                 still[still] = ~has_positive_multipliers(constraints.rows(still))
             else:
                 tangent, restoration, still = self.drop(constraints, tangent, restoration, still)
+        multipliers = np.where(constraints.active, constraints.original(tangent.multipliers), 0.0)
+        change = self.change(tangent.value, None if restoration is None else restoration.value, n)
+        if settings.radius is not None and restoration is not None:
+            limit = settings.step_size * settings.radius * (1.0 + tolerance_of(settings.solver))  # type: ignore[operator]
+            if (too_long := lengths(change) > limit).any():
+                self.counts["long"] += too_long
+        if self.any_skipped:
+            skipped = self.counts["skipped"] > 0
+            change[skipped], still[skipped] = 0.0, False  # the zeros of a failed solver are no optimum
+            multipliers[skipped] = 0.0
+        residuals = tangent.residuals if restoration is None else np.maximum(tangent.residuals, restoration.residuals)
+        predicted = np.empty(slack.shape)
+        step_kernels().predict(gradients, slack, change, predicted)
+        return StepResult(change, active, still, self.counted(), multipliers, residuals, predicted)
+
+    def change(self, tangent: np.ndarray, restoration: np.ndarray | None, n: int) -> Float[np.ndarray, "B n"]:
+        """α₁ s + αₑ v of the n parameters."""
+        settings = self.settings
         change = settings.step_size * tangent
         if restoration is not None and settings.max_restoration < np.inf and settings.formulation == "cone":
             restoration = restoration * self.shortening(restoration, n)[:, None]  # J v ≥ t: v is as long as t is
         if restoration is not None:
             change += settings.restoration_rate * restoration
-        if self.any_skipped:
-            skipped = self.counts["skipped"] > 0
-            change[skipped], still[skipped] = 0.0, False  # the zeros of a failed solver are no optimum
         if not is_finite(change):
             raise FloatingPointError(
                 f"the change of θ should be finite; found {change[~np.isfinite(change)][0]}, with step_size "
-                f"{settings.step_size:g}, restoration_rate {settings.restoration_rate:g} and gradients up to "
-                f"{np.abs(constraints.gradients).max():g}: lower the rates"
+                f"{settings.step_size:g} and restoration_rate {settings.restoration_rate:g}: lower the rates"
             )
-        return change[:, :n], still
+        return np.ascontiguousarray(change[:, :n])
 
     def admit(
         self, gradients: Float[np.ndarray, "B channels n"], slack: np.ndarray, active: np.ndarray
@@ -124,19 +144,17 @@ class StepRun:
         self.counts["capped"] |= too_long
         return np.where(too_long, self.settings.max_restoration / np.where(too_long, length, 1.0), 1.0)
 
-    def solve(
-        self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    def solve(self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]) -> tuple[Moves, Moves | None]:
         """Tangent s and restoration v, None where it is inside."""
         settings = self.settings
         ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
         problems, count = FORMULATIONS[settings.formulation].problems(constraints, ratio), len(runs)
         if settings.radius is not None:  # the tangent's alone: a restoration is the shortest move that restores
-            in_ball = self.solve_certified(problems[:count].in_geometry(None, settings.radius), runs).value
+            in_ball = self.solve_certified(problems[:count].in_geometry(None, settings.radius), runs)
             apart = len(problems) > count
-            return in_ball, self.solve_certified(problems[count:], runs).value if apart else None
+            return Moves.of(in_ball), Moves.of(self.solve_certified(problems[count:], runs)) if apart else None
         answers = self.solve_certified(problems, runs)
-        return answers.value[:count], answers.value[count:] if len(answers) > count else None
+        return Moves.of(answers[:count]), Moves.of(answers[count:]) if len(answers) > count else None
 
     def solve_certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""
@@ -169,18 +187,14 @@ class StepRun:
         return answers
 
     def drop(
-        self,
-        constraints: ActiveConstraints,
-        tangent: np.ndarray,
-        restoration: np.ndarray | None,
-        still: Bool[np.ndarray, "B"],
-    ) -> tuple[np.ndarray, np.ndarray | None, Bool[np.ndarray, "B"]]:
+        self, constraints: ActiveConstraints, tangent: Moves, restoration: Moves | None, still: Bool[np.ndarray, "B"]
+    ) -> tuple[Moves, Moves | None, Bool[np.ndarray, "B"]]:
         """𝒜 ← 𝒜 without the largest λ, until some λ ≤ 0 exists; P and d are built anew. See `drop_rule`. §2.3.
 
         Returns s, v, and whether PΔ¹ = 0 at the end of it.
         """
-        tangent = tangent.copy()  # an observer may have kept the answers
-        restoration = None if restoration is None else restoration.copy()
+        tangent = tangent.copied()  # an observer may have kept the answers
+        restoration = None if restoration is None else restoration.copied()
         active = constraints.active.copy()
         open_ = still if self.settings.drop == "stationary" else active.any(axis=1)
         for _ in range(active.shape[1]):
@@ -192,10 +206,11 @@ class StepRun:
             active[chosen] &= ~leaving_constraints(before, raw=self.settings.raw_multipliers)
             fewer = constraints.rows(chosen, active)
             self.counts["dropped"][chosen] += np.count_nonzero(before.active & ~fewer.active, axis=1)
-            tangent[chosen], again = self.solve(fewer, chosen)
-            if restoration is not None:
-                restoration[chosen] = again
-            still[chosen] = self.at_rest(tangent[chosen], fewer)[0]
+            moves, again = self.solve(fewer, chosen)
+            tangent.put(chosen, moves)
+            if restoration is not None and again is not None:
+                restoration.put(chosen, again)
+            still[chosen] = self.at_rest(moves.value, fewer)[0]
             open_ = np.isin(np.arange(len(active)), chosen) & (still | (self.settings.drop == "always"))
         return tangent, restoration, still
 

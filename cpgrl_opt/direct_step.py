@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 
 from .machine_code import forget_outdated_kernels
-from .solvers.compiled._direct import SHARP, solve_problem
+from .solvers.compiled._direct import SHARP, WEIGHT, solve_problem
 from .solvers.compiled._entry_point import entry_point
-from .step_kernels import admit, mark_vanishing
+from .step_kernels import admit, mark_vanishing, predict
 
 _FOLDER = Path(__file__).parent
 _SOURCES = (_FOLDER / "step_kernels.py", *(_FOLDER / "solvers" / "compiled").glob("*.py"))
 forget_outdated_kernels(_FOLDER, "direct_step*", _SOURCES)
-_admit, _mark_vanishing = admit.helper, mark_vanishing.helper
+_admit, _mark_vanishing, _predict = admit.helper, mark_vanishing.helper, predict.helper
 
 
 @entry_point(
-    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, i8[::1], f8[:, ::1])",
+    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, i8[::1], f8[:, ::1], "
+    "f8[:, ::1], f8[:, ::1], f8[:, ::1])",
     interpreted=(0, 0),
 )
 def move(
@@ -39,8 +40,14 @@ def move(
     relative: float,
     flat: Any,
     change: Any,
+    multipliers: Any,
+    residuals: Any,
+    predicted: Any,
 ) -> bool:
-    """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run."""
+    """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run.
+
+    Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m).
+    """
     runs, channels, n = gradients.shape
     m = channels - 1
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
@@ -69,7 +76,14 @@ def move(
                 return False
             if part == 0 and _mark_vanishing(value, gradients[run : run + 1], relative, vanishes):
                 return False
+            for k in range(4):
+                residuals[run, k] = parts[k] if part == 0 else max(residuals[run, k], parts[k])
+            if part == 0:
+                for i in range(m):
+                    multipliers[run, i] = small[WEIGHT, i]
             for j in range(n):
                 change[run, j] = rate * value[0, j] if part == 0 else change[run, j] + rate * value[0, j]
                 finite = finite and abs(change[run, j]) < inf
+    if finite:
+        _predict(gradients, slack, change, predicted)
     return finite

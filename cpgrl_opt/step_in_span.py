@@ -13,13 +13,14 @@ from .direction import DirectionBatch, DirectionError
 from .problem import ProblemBatch
 from .reduction import RUNGS, coordinates
 from .scaling import lengths
+from .step_result import StepResult
 from .vectors import ArrayVectors
 
 # The coordinates of rows at an angle θ are rounded, which tilts them by eps/θ, and nothing mends a step as a solve is
 # mended: 1e-4 rad leave 1e-12 of it.
 _CLEAR_ROWS = 1e-8
 
-OnRows = Callable[..., Any]  # (gradients, slack, active, observe) -> StepResult
+OnRows = Callable[..., StepResult]  # (gradients, slack, active, observe)
 
 
 def step_in_span(
@@ -29,7 +30,7 @@ def step_in_span(
     active: np.ndarray,
     step_size: float,
     observe: Any,
-) -> list[Any]:
+) -> list[StepResult]:
     """A `StepResult` for each run, in the order of their indices; `observe` sees the subproblems in coordinates."""
     runs = zip(np.ndindex(slack.shape[:-1]), vectors, strict=True)
     return [_step_one(on_rows, each, slack[run], active[run], step_size, observe) for run, each in runs]
@@ -37,7 +38,7 @@ def step_in_span(
 
 def _step_one(
     on_rows: OnRows, vectors: ArrayVectors, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
-) -> Any:
+) -> StepResult:
     """By the first rung that is exact enough, else on the rows."""
     seen: list[tuple[ProblemBatch, DirectionBatch]] = []
     see = None if observe is None else lambda *pair: seen.append(pair)
@@ -57,5 +58,6 @@ def _step_one(
         if small.holds(result.change, certificate, unit):
             for pair in seen:
                 observe(*pair)
-            return replace(result, change=change)
+            # Of rows that are off the coordinates know nothing.
+            return replace(result, change=change, predicted_slack=slack + certificate.products)
     return on_rows(np.vstack([vectors.gradient, vectors.jacobian]), slack, active, observe)

@@ -69,6 +69,17 @@ def fill_problems(
     return finite
 
 
+@_kernel(_CUBE, _MATRIX, _MATRIX, _MATRIX)
+def predict(gradients: Any, slack: Any, change: Any, predicted: Any) -> None:
+    """Predicted (B, m) ← slack + J · change."""
+    runs, m = slack.shape
+    for b in range(runs):
+        for i in range(m):
+            predicted[b, i] = slack[b, i]
+            for j in range(change.shape[1]):
+                predicted[b, i] += gradients[b, 1 + i, j] * change[b, j]
+
+
 @_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]", returns="boolean")
 def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any) -> Any:
     """Whether ‖s‖ ≤ relative · ‖Δ¹‖, by run, and whether any is; the largest entry first, as squares may overflow."""

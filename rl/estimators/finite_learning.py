@@ -56,6 +56,7 @@ def learn(  # type: ignore[no-untyped-def]
     """
     count, runs, n = change.shape
     slack = np.empty((runs, thresholds.size))
+    multipliers, residuals, predicted = np.empty(slack.shape), np.empty((runs, 4)), np.empty(slack.shape)
     for k in range(count):
         _advance(
             parameters[k], transitions, rewards, start, steps, first, from_start, divisors, trace_decay, following,
@@ -72,7 +73,7 @@ def learn(  # type: ignore[no-untyped-def]
                 usual = usual and abs(slack[run, i]) < np.inf
         usual = usual and _move(
             gradients[k], slack, active[k], tangent_solver, is_equality, restores_inside, step_size, restoration_rate,
-            tolerance, relative, flat[k], change[k],
+            tolerance, relative, flat[k], change[k], multipliers, residuals, predicted,
         )  # fmt: skip
         for run in range(runs):
             for j in range(n):

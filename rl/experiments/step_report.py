@@ -14,6 +14,7 @@ _EVENTS = {
     "capped": "restorations shortened",
     "softened": "updates whose constraints the ridge softened",
     "flat": "active constraints without gradient, left out",
+    "long": "changes that a restoration made longer than the radius",
 }
 
 

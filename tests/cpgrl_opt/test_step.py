@@ -359,6 +359,9 @@ def test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way(runs,
         assert direct.change.shape == (*gradients.shape[:-2], 7)
         assert (direct.stationary == watched.stationary).all()
         assert direct.stationary.shape == runs
+        for name, size in (("multipliers", m), ("residuals", 4), ("predicted_slack", m)):
+            assert getattr(direct, name).shape == (*runs, size)
+            np.testing.assert_array_equal(getattr(direct, name), getattr(watched, name))
         assert {name: count.tolist() for name, count in direct.counts.items()} == {
             name: count.tolist() for name, count in watched.counts.items()
         }

@@ -87,7 +87,7 @@ def test_restoring_with_a_radius_solves_a_trust_region_problem_on_the_active_con
 
 
 def test_restoring_with_a_radius_is_not_constrained_policy_optimization_where_there_is_slack():
-    """The slack of 0.05 keeps the constraint out of ours; CPO asks Jd ≥ −0.05. And a radius is no length of a step."""
+    """The slack of 0.05 keeps the constraint out of ours; CPO asks Jd ≥ −0.05."""
     gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
     linearization = Linearization([0.0, slack], [gradient, *row])
     settings = {"formulation": "restoring", "step_size": 1.0, "restoration_rate": 1.0}
@@ -96,8 +96,39 @@ def test_restoring_with_a_radius_is_not_constrained_policy_optimization_where_th
     np.testing.assert_allclose(ours, np.array(gradient) / np.hypot(1.0, 0.3), rtol=1e-12)
     np.testing.assert_allclose(slack + row @ ours, -0.9078, atol=1e-4)
     np.testing.assert_allclose(cpo.value, [-0.05, np.sqrt(1.0 - 0.05**2)], rtol=1e-12)
-    by_default = ConstrainedStep(formulation="restoring", radius=0.1)(linearization, [0.0]).change
-    assert np.linalg.norm(by_default) == pytest.approx(0.002, rel=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_the_step_size_is_one_with_a_radius_and_the_papers_without(formulation):
+    assert ConstrainedStep(formulation=formulation).step_size == 0.02
+    assert ConstrainedStep(formulation=formulation, radius=0.1).step_size == 1.0
+    assert ConstrainedStep(formulation=formulation, radius=0.1, step_size=0.5).step_size == 0.5
+    change = ConstrainedStep(formulation=formulation, radius=0.1)(random_linearization(1), np.full(2, NOTHING)).change
+    assert np.linalg.norm(change) == pytest.approx(0.1, rel=1e-12)
+
+
+@pytest.mark.parametrize("step_size", [None, 0.3])
+@pytest.mark.parametrize("metric", [None, fisher(13)])
+def test_the_radius_bounds_the_change_where_the_restoration_is_inside(metric, step_size):
+    """In reach or out of it; longer than nine tenths of it in both, so that the bound is no idle one."""
+    step = ConstrainedStep(formulation="restoring", radius=0.2, metric=metric, step_size=step_size)
+    for seed in range(20):
+        linearization = random_linearization(seed)
+        change = step(linearization, linearization.values[1:] + np.array([0.02, 0.5 * (seed % 2)])).change
+        size = np.sqrt(change @ (np.eye(5) if metric is None else metric) @ change)
+        assert 0.9 * step.step_size * 0.2 < size <= step.step_size * 0.2 * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("formulation", ["equality", "cone"])
+def test_a_change_that_its_restoration_makes_longer_than_the_radius_is_counted(formulation):
+    """s = (0, 1) · radius; v = (10, 0) beside it, (1e-3, 0), or none."""
+    rows = [[[0.0, 1.0], [1.0, 0.0]]] * 3
+    runs = Linearization([[0.0, -10.0], [0.0, -0.001], [0.0, 1.0]], rows)
+    result = ConstrainedStep(formulation=formulation, radius=0.1, restoration_rate=0.05)(runs, [0.0])
+    assert result.counts["long"].tolist() == [1, 1, 0]
+    still = ConstrainedStep(formulation=formulation, radius=0.1, restoration_rate=0.0)
+    assert still(runs, [0.0]).counts["long"].tolist() == [0, 0, 0]
+    assert ConstrainedStep(formulation=formulation)(runs, [0.0]).counts["long"].tolist() == [0, 0, 0]
 
 
 def test_a_restoration_that_the_ball_cannot_reach_is_counted_infeasible():

@@ -1,0 +1,89 @@
+"""What a step answers: the change of θ, and its proof."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from .arrays import Bool, Float, Int
+
+COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened", "flat", "long")
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """The parameter change and what happened on the way; leading axes as in the linearization.
+
+    change: (…, n); active: (…, m), the set that the rule chose, with `linearized` the constraints with μ > 0;
+    stationary: (…), PΔ¹ = 0 and some λ ≤ 0 exists, both up to rounding: a KKT point.
+    counts, by name (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
+    skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened), softened (by the
+    ridge, where a constraint was active),
+    flat (active constraints whose gradient is 0: to first order no direction changes them, so they are left out),
+    long (the change is longer than step_size · radius, for a restoration knows no radius).
+    multipliers: (…, m), μ of the tangent problem, which is the only one of `restoring` and `linearized`; 0 where a
+    constraint is not active or was dropped, a Farkas vector where the problem is infeasible.
+    residuals: (…, 4) in the order of `KKTResiduals`, each the largest of the tangent and restoration problems'
+    certificates; NaN where one of them has none, being infeasible or skipped.
+    predicted_slack: (…, m), slack + J · change.
+    """
+
+    change: Float[np.ndarray, "*runs n"]
+    active: Bool[np.ndarray, "*runs m"]
+    stationary: Bool[np.ndarray, "*runs"]
+    counts: Mapping[str, Int[np.ndarray, "*runs"]]
+    multipliers: Float[np.ndarray, "*runs m"] | None = None
+    residuals: Float[np.ndarray, "*runs 4"] | None = None
+    predicted_slack: Float[np.ndarray, "*runs m"] | None = None
+
+    def reshaped(self, runs: tuple[Any, ...]) -> "StepResult":
+        """The same with these axes for the one of its runs."""
+        change, active, stationary, multipliers, residuals, predicted = (
+            None if part is None else part.reshape((*runs, *part.shape[1:])) for part in _arrays(self)
+        )
+        counts = {name: counted.reshape(runs) for name, counted in self.counts.items()}
+        return StepResult(change, active, stationary, counts, multipliers, residuals, predicted)  # type: ignore[arg-type]
+
+
+@cache
+def nothing(runs: tuple[Any, ...]) -> Int[np.ndarray, "*runs"]:
+    """Zeros that nobody can write to: what is counted in most updates."""
+    zeros = np.zeros(runs, np.int64)
+    zeros.flags.writeable = False
+    return zeros
+
+
+def usual_result(
+    change: Float[np.ndarray, "*runs n"],
+    active: Bool[np.ndarray, "*runs m"],
+    flat: Int[np.ndarray, "*runs"],
+    *proof: Float[np.ndarray, "*runs k"],
+) -> StepResult:
+    """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
+    counts = {**dict.fromkeys(COUNTS, nothing(flat.shape)), "flat": flat}
+    return StepResult(change, active, np.zeros(flat.shape, np.bool_), counts, *proof)
+
+
+def empty_proof(runs: int, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Room for multipliers, residuals and predicted slack."""
+    return np.empty((runs, m)), np.empty((runs, 4)), np.empty((runs, m))
+
+
+def stack_results(results: Sequence[StepResult], runs: tuple[Any, ...], n: int, m: int) -> StepResult:
+    """Results of runs one by one, stacked to these axes."""
+    sizes = (n,), (m,), (), (m,), (4,), (m,)
+    dtypes = np.float64, np.bool_, np.bool_, np.float64, np.float64, np.float64
+    columns = zip(*map(_arrays, results), strict=True) if results else ((),) * len(sizes)
+    change, active, stationary, *proof = (
+        np.array(column, dtype).reshape(*runs, *size)
+        for column, size, dtype in zip(columns, sizes, dtypes, strict=True)
+    )
+    counts = {name: np.array([each.counts[name] for each in results], np.int64).reshape(runs) for name in COUNTS}
+    return StepResult(change, active, stationary, counts, *proof)
+
+
+def _arrays(result: StepResult) -> tuple[np.ndarray | None, ...]:
+    named = ("change", "active", "stationary", "multipliers", "residuals", "predicted_slack")
+    return tuple(getattr(result, name) for name in named)

@@ -1,0 +1,145 @@
+"""Settings of a step, checked once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
+from .arrays import ArrayLike, Number
+from .direction import DirectionBatch
+from .drop_rule import NEGLIGIBLE
+from .formulation import FORMULATIONS
+from .metric import Whitening, validated_metric
+from .problem import ProblemBatch
+from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, solver_named, tolerance_of
+from .validation import (
+    ReadOnlyArrays,
+    require_member,
+    require_nonnegative,
+    require_positive,
+)
+from .vectors import is_long
+
+Observer = Callable[[ProblemBatch, DirectionBatch], None]
+
+DROP_RULES = ("never", "stationary", "always")
+ON_FAILURE = ("fallback", "skip", "raise")
+# Of their answers PΔ¹ = 0 is seen as well as by the closed form.
+CLOSED_FORM = (ActiveSet, Rosen)
+_NUMBERS = ("step_size", "restoration_rate", "slack_fraction", "ridge", "max_restoration", "radius")
+_WITHOUT_RADIUS, _WITH_RADIUS = 0.02, 1.0  # the paper's α₁; a step as long as the radius
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepSettings(ReadOnlyArrays):
+    """The settings of `ConstrainedStep`, which says what they mean."""
+
+    solver: DirectionSolver | str = field(default_factory=lambda: SOLVERS["active-set"])
+    formulation: str = "equality"
+    rule: ActiveSetRule | str = violated
+    step_size: Number | None = None
+    restoration_rate: Number = 0.02
+    slack_fraction: Number = 1.0
+    drop: str = "stationary"
+    raw_multipliers: bool = False
+    ridge: Number = 0.0
+    max_restoration: Number = np.inf
+    on_failure: str = "fallback"
+    metric: ArrayLike | None = field(default=None, compare=False)
+    radius: Number | None = None
+    _metric_bytes: bytes = field(default=b"", init=False, repr=False)  # by which steps compare and hash
+
+    def __post_init__(self) -> None:
+        self._look_up_names()
+        if self.step_size is None:
+            object.__setattr__(self, "step_size", _WITHOUT_RADIUS if self.radius is None else _WITH_RADIUS)
+        self._check_numbers()
+        if FORMULATIONS[self.formulation].restores_inside:
+            self._check_rates()
+        if self.formulation == "linearized":
+            self._check_linearized()
+        if self.radius is not None and not facts_of(self.solver).takes_geometry:
+            raise ValueError(
+                f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
+                "cpgrl_opt.WithGeometry(solver)"
+            )
+        if self.metric is not None:
+            metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
+            vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
+        vars(self)["_direct"] = self._usual_way()
+
+    def _look_up_names(self) -> None:
+        if isinstance(self.solver, str):
+            object.__setattr__(self, "solver", solver_named(self.solver))
+        if isinstance(self.rule, str):
+            require_member("rule", self.rule, tuple(ACTIVE_SET_RULES))
+            object.__setattr__(self, "rule", ACTIVE_SET_RULES[self.rule])
+        if isinstance(self.solver, type) or not callable(getattr(self.solver, "solve", None)):
+            raise ValueError(f"solver should be a name or have a method solve(problem); found {self.solver!r}")
+        if not callable(self.rule):
+            raise ValueError(f"rule should be a name or a function (slack, previous) → mask; found {self.rule!r}")
+        require_member("formulation", self.formulation, tuple(FORMULATIONS))
+        require_member("drop", self.drop, DROP_RULES)
+        require_member("on_failure", self.on_failure, ON_FAILURE)
+
+    def _check_numbers(self) -> None:
+        if not isinstance(self.raw_multipliers, bool | np.bool_):
+            raise ValueError(f"raw_multipliers should be True or False; found {self.raw_multipliers!r}")
+        for name in ("step_size", "restoration_rate", "slack_fraction", "ridge"):
+            require_nonnegative(name, getattr(self, name))
+        if self.slack_fraction > 1:
+            raise ValueError(f"slack_fraction should be a number in [0, 1]; found {self.slack_fraction!r}")
+        require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
+        if self.radius is not None:
+            require_positive("radius", self.radius)
+        for name in _NUMBERS:
+            if isinstance(getattr(self, name), np.ndarray):  # of no axes; steps compare and hash by their numbers
+                object.__setattr__(self, name, getattr(self, name)[()])
+
+    def _check_rates(self) -> None:
+        """Of a restoration inside the tangent problem, whose bounds are rates over α₁."""
+        if self.step_size == 0:
+            raise ValueError(
+                f"step_size should be > 0 with formulation {self.formulation!r}, which divides by it; found 0"
+            )
+        if not float(self.restoration_rate) / float(self.step_size) < np.inf:  # type: ignore[arg-type]
+            raise ValueError(
+                f"restoration_rate / step_size should be finite with formulation {self.formulation!r}; found "
+                f"{self.restoration_rate!r} / {self.step_size!r}"
+            )
+
+    def _check_linearized(self) -> None:
+        if self.ridge > 0:
+            raise ValueError(
+                f"ridge should be 0 with formulation 'linearized', whose bounds it would soften; found {self.ridge!r}"
+            )
+        if self.rule is not violated:  # a rule that changes the slack and not the set would be taken here
+            raise ValueError(
+                "rule should be the default with formulation 'linearized', which takes all constraints; found "
+                f"{self.rule!r}"
+            )
+
+    def _usual_way(self) -> tuple[Any, ...] | None:
+        """Arguments of `direct_step.move`; None where these settings need more than it does."""
+        is_plain = self.ridge == 0 and self.max_restoration == np.inf and self.radius is None
+        drops_always = self.formulation == "equality" and self.drop == "always"
+        takes_all = self.formulation == "linearized"
+        if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always or takes_all:
+            return None
+        formulation = FORMULATIONS[self.formulation]
+        solver = type(self.solver) is Rosen, formulation.is_equality, formulation.restores_inside
+        rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)  # type: ignore[arg-type]
+        return *solver, *rates, NEGLIGIBLE
+
+    def usual_way(self, m: int, n: int) -> tuple[Any, ...] | None:
+        """Arguments of `direct_step.move` after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
+        needs_more = self.rule is not violated or self.metric is not None or is_long(m, n)
+        return None if needs_more else vars(self).get("_direct")
+
+    @cached_property
+    def _whitening(self) -> Whitening | None:
+        """L of M = LLᵀ; None where M = I."""
+        return None if self.metric is None else validated_metric(self.metric, len(self.metric))[1]  # type: ignore[arg-type]
