@@ -1,6 +1,6 @@
 """Families of trust-region problems in numbers that rational arithmetic takes: integers times powers of two.
 
-    max gᵀd   s.t.   Jd ≥ b, = on E,   dᵀMd ≤ radius²                  n ≤ 4, m ≤ 5
+    max gᵀd   s.t.   Jd ≥ b, = on E,   dᵀMd ≤ radius²                  n ≤ 9, m ≤ 5
 
 Each family is a function of a generator alone; `trust_regions` puts them to solvers.
 """
@@ -193,6 +193,19 @@ def impossible(rng: np.random.Generator) -> DirectionProblem:
     return DirectionProblem(integers(rng, n), J[order], b[order], E[order], metric, radius)
 
 
+def impossible_in_a_huge_ball(rng: np.random.Generator) -> DirectionProblem:
+    """Rows of 20 bits that contradict each other, with a radius of 1e9 … 1e12, some people's "none"."""
+    n, m = int(rng.integers(3, 10)), int(rng.integers(2, 6))
+    J = np.rint(rng.standard_normal((m, n)) * 2**20) / 2**20
+    k = int(rng.integers(2, m + 1))
+    J[k - 1] = -J[: k - 1].sum(axis=0)
+    b = np.rint(J @ rng.standard_normal(n) * 2**20) / 2**20 - rng.integers(0, 3, m)
+    b[k - 1] = -b[: k - 1].sum() + 2.0 ** -float(rng.integers(0, 5))
+    order = rng.permutation(m)
+    g = integers(rng, n) * float(rng.integers(0, 2))
+    return DirectionProblem(g, J[order], b[order], radius=float(10 ** int(rng.integers(9, 13))))
+
+
 def scaled(rng: np.random.Generator) -> DirectionProblem:
     """Gradients, rows and lengths in units of 2⁻⁶⁰ … 2⁶⁰, and rows that ask for nothing."""
     problem = any_constraints(rng)
@@ -215,6 +228,6 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], DirectionProblem]] = {
     for draw in (
         cones, bounds, affine, mixed, diagonal_metric, full_metric, ill_conditioned_metric, dependent_rows,
         nearly_opposing_rows, touching, barely_missing, missing, slack_ball, no_gradient, huge_ball, tiny_ball,
-        impossible, scaled,
+        impossible, impossible_in_a_huge_ball, scaled,
     )
 }  # fmt: skip

@@ -10,7 +10,7 @@ rounding: the verdict, d (of several the shortest; where infeasible of least vio
 
 A direction agrees where ‖d − d*‖_M ≤ radius · `allowance`, which follows the problem's conditioning; `--count` problems
 are drawn of each family. Of those that disagree, the smallest is printed as Python that makes it.
-Limitations: n ≤ 4, m ≤ 5; numbers of at most 50 bits. Exit status 1 if a solver disagreed.
+Limitations: n ≤ 9, m ≤ 5; numbers of at most 50 bits. Exit status 1 if a solver disagreed.
 """
 
 import argparse

@@ -58,8 +58,9 @@ def variants_of(name: str) -> Sequence[str]:
     return ("prepared", "raw") if name in RAW else ("prepared",)
 
 
-def _all_of_them(problem: DirectionProblem) -> bool:  # noqa: ARG001
-    return True
+def _is_quadratic_program(problem: DirectionProblem) -> bool:
+    """What raw back ends are told: neither a ball, which is none, nor a metric, which they take only as a matrix."""
+    return problem.metric is None and problem.radius is None
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,6 @@ class Contestant:
 def contestant(name: str, variant: str) -> Contestant:
     """Solver `name` in a variant."""
     if variant == "raw":
-        return Contestant(RAW[name], _all_of_them)
+        return Contestant(RAW[name], _is_quadratic_program)
     solver = solver_of(name)
     return Contestant(solver.solve, partial(supports, solver))

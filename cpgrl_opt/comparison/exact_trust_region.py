@@ -23,7 +23,7 @@ class TrustRegionAnswer:
     """feasible: the verdict. direction: d, (n,); where infeasible, of least violation and best climb. multipliers: μ,
     or a proof y where infeasible, (m,); None where the ball only touches C, which leaves μ unbounded.
     radius_multiplier: κ; None where several, or none, would do; λ where the ball holds back from less violation.
-    margin: 1 − ‖·‖²/radius² of the shortest point of C; where infeasible −‖r‖/max(radius, |bᵢ|) on unit rows.
+    margin: 1 − ‖·‖²/radius² of the shortest point of C; where infeasible −‖r‖/max bᵢ on unit rows.
     room: 1 − ‖q‖²/radius², how far the ball reaches beyond the shortest point of the face; climb: ‖p‖/‖g‖ on it.
     face: the rows that hold with equality (or, where infeasible, are violated). exact: d in fractions, before rounding.
     """
@@ -100,10 +100,10 @@ class _Search:
         return self._rounded(False, Found(y, Fraction(0), proof, weight, Fraction(0), Fraction(0)), set(y))
 
     def _miss_by(self, proof: Weights) -> None:
-        """The margin, of wᵢrᵢ."""
+        """The margin, of wᵢrᵢ: in units of what is asked, however large the ball."""
         gram, b = self.rational.gram, self.rational.b
         demands = (b[i] ** 2 / gram[i, i] for i in self.rows if b[i] > 0 or i in self.rational.equality)
-        unit = max([self.square, *demands])
+        unit = max(demands)
         self.margin = -root(sum((value**2 * gram[i, i] for i, value in proof.items()), Fraction(0)) / unit)
 
     def _rounded(self, feasible: bool, found: Found, violated: set[int] | None = None) -> TrustRegionAnswer:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from . import generators as draw
+from . import geometries as measured
 from .recording import shipped_problem
 
 Draw = Callable[[np.random.Generator], DirectionProblem]
@@ -173,12 +174,35 @@ def _infeasible() -> Iterator[ProblemFamily]:
         )
 
 
+def _geometries() -> Iterator[ProblemFamily]:
+    case = partial(ProblemFamily, feasible=True, equality=False, well_posed=True)
+    metric = "min ½dᵀMd − gᵀd: M⁻¹ is easily forgotten, or put twice"
+    for name, how, what in (
+        ("diagonal", measured.diagonal_metric, "weights from 1e-2 to 1e2, 9 × 3"),
+        ("full", measured.full_metric, "condition 1e2, 9 × 3"),
+        ("1e10", partial(measured.full_metric, decades=10), "condition 1e10, where whitening loses digits"),
+    ):
+        yield case(f"metric-{name}", f"{metric}; {what}", partial(measured.in_metric, metric=how))
+    ball = "max gᵀd, dᵀMd ≤ radius², constrained policy optimization"
+    yield case("ball", f"{ball}; a cone, whose projection only needs a length", partial(measured.in_ball, bounds=False))
+    yield case("ball-bounds", f"{ball}; bounds, 1.5 times as far as the shortest direction", measured.in_ball)
+    make = partial(measured.in_ball, metric=measured.full_metric)
+    yield case("ball-metric-bounds", f"{ball}; bounds, in a full metric", make)
+    missed = partial(case, feasible=False, well_posed=False)
+    reason = "the ball ends half way to the constraints: the least violation in it, with a proof"
+    yield missed("ball-out-of-reach", reason, measured.out_of_reach)
+    reason = "rows contradict each other in a ball of 1e12, a word for none: as infeasible as without it"
+    yield missed("ball-1e12-infeasible", reason, partial(measured.impossible_in_huge_ball, radius=1e12))
+
+
 def _by_name(families: Iterable[ProblemFamily]) -> Mapping[str, ProblemFamily]:
     return MappingProxyType({family.name: family for family in families})
 
 
 FAMILIES: Mapping[str, ProblemFamily] = _by_name(
-    family for group in (_regular, _angles, _dependent, _scales, _special, _recorded, _infeasible) for family in group()
+    family
+    for group in (_regular, _angles, _dependent, _scales, _special, _recorded, _infeasible, _geometries)
+    for family in group()
 )
 
 

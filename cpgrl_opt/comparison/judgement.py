@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Vector
 from ..certify import excess_violation, farkas_residual, kkt_residuals
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
@@ -67,8 +68,20 @@ def _claim_of_optimality(worst: float) -> str:
 
 
 def _distance(problem: DirectionProblem, direction: Direction, exact: ExactAnswer) -> float | None:
-    """‖d − d*‖ / max(‖g‖, ‖d*‖), absolute where both vanish; None where d is not finite."""
+    """‖d − d*‖ / max(‖g‖, ‖d*‖), absolute where both vanish; None where d is not finite.
+
+    In a metric all three where M = I; in a ball, where g is no length, over the radius.
+    """
     if not np.isfinite(direction.value).all():
         return None
-    size = max(float(lengths(problem.gradient)), float(lengths(exact.direction))) or 1.0
-    return float(lengths(direction.value / size - exact.direction / size))
+    apart = direction.value - exact.direction
+    if problem.radius is not None:
+        return _length(problem, apart / problem.radius)
+    strength = problem.gradient if problem.whitening is None else problem.whitening.gradient(problem.gradient)
+    size = max(float(lengths(strength)), _length(problem, exact.direction)) or 1.0
+    return _length(problem, direction.value / size - exact.direction / size)
+
+
+def _length(problem: DirectionProblem, d: Vector) -> float:
+    """√(dᵀMd)."""
+    return float(lengths(d if problem.whitening is None else problem.whitening.direction(d)))

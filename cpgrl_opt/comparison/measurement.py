@@ -41,7 +41,8 @@ class Measurement:
 
     status: the name of the Status claimed, empty where there was no answer; outcome: one of OUTCOMES; worst: the
     referee's worst residual, or Farkas residual of a rightly claimed infeasibility (inf without an answer);
-    distance: ‖d − d*‖ / max(‖g‖, ‖d*‖) from the exact d* where the problem is feasible and small enough; seconds:
+    distance: ‖d − d*‖ / max(‖g‖, ‖d*‖) from the exact d* where the problem is feasible and small enough (in a ball
+    ‖d − d*‖ / radius; lengths in the metric where there is one); seconds:
     CPU, median of repeats; ratio: to the default solver's; limit: seconds that a failure counts as; noise: wrote to
     stdout or stderr.
     """

@@ -51,7 +51,8 @@ def astray_sentence(findings: Findings) -> str:
 def question(findings: Findings) -> str:
     """What was asked, in a sentence or two."""
     return (
-        "Which solver returns the right direction min ½‖d − g‖² subject to Jd ≥ b (or = b), which says so when it "
+        "Which solver returns the right direction min ½‖d − g‖² subject to Jd ≥ b (or = b), on some families in a "
+        "metric M or as max gᵀd in a ball, which says so when it "
         f"cannot, and at what cost? {len(findings.solvers)} solvers met {findings.problems} problems of "
         f"{len(findings.families)} families, each chosen for a reason given below: {findings.measured} measurements. "
         "An independent referee computes every residual from the problem's data; what a back end reports about "
@@ -71,7 +72,7 @@ def terms() -> tuple[tuple[str, str], ...]:
         (
             "raw",
             "the library called directly, its settings left at their defaults, its claims passed on unchecked; on "
-            "small problems only.",
+            "small problems without metric and ball only.",
         ),
         (
             "success",

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
-from cpgrl_opt.comparison.exact import exact_answer
+from cpgrl_opt.comparison.exact import exact_answer, is_small_enough
 
 
 def check(problem: DirectionProblem, direction: list[float], multipliers: list[float]) -> None:
@@ -70,8 +70,22 @@ def test_switched_off_rows_and_no_rows() -> None:
 
 
 def test_large_problems_are_refused() -> None:
-    with pytest.raises(ValueError, match="m ≤ 8 and n ≤ 100; found m = 9, n = 2"):
+    with pytest.raises(ValueError, match="m ≤ 8 and n ≤ 100, or 20 in a full metric; found m = 9, n = 2"):
         exact_answer(DirectionProblem([1.0, 0.0], np.ones((9, 2))))
+    assert is_small_enough(DirectionProblem(np.ones(21), np.ones((1, 21)), metric=np.ones(21)))
+    assert not is_small_enough(DirectionProblem(np.ones(21), np.ones((1, 21)), metric=np.eye(21)))
+
+
+@pytest.mark.parametrize("metric", [[1.0, 4.0], [[1.0, 0.0], [0.0, 4.0]]])
+def test_a_metric_divides_the_gradient_and_turns_the_way_back(metric: list) -> None:
+    # M = diag(1, 4): M⁻¹g = (3, −1). d₂ ≥ 1 pushes by μ/4 upward; d₁ + d₂ ≥ 4 by μ(1, ¼).
+    check(DirectionProblem([3.0, -4.0], [[0.0, 1.0]], [1.0], metric=metric), [3.0, 1.0], [8.0])
+    check(DirectionProblem([3.0, -4.0], [[1.0, 1.0]], [4.5], metric=metric), [5.0, -0.5], [2.0])
+
+
+def test_a_ball_is_left_to_the_search_in_it() -> None:
+    check(DirectionProblem([3.0, 4.0], [[-1.0, 0.0]], [-3.0], radius=10.0), [3.0, 91.0**0.5], [3 - 12 / 91**0.5])
+    assert not exact_answer(DirectionProblem([3.0, 4.0], [[1.0, 0.0]], [3.0], radius=2.0)).feasible
 
 
 @st.composite

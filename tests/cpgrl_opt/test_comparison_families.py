@@ -6,9 +6,11 @@ import pytest
 from cpgrl_opt import Direction, Status, kkt_residuals
 from cpgrl_opt.certify import farkas_residual
 from cpgrl_opt.comparison.exact import exact_answer, is_small_enough
+from cpgrl_opt.comparison.exact_trust_region import exact_trust_region
 from cpgrl_opt.comparison.families import ANGLES, FAMILIES, families_named
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.scaling import unit_rows
+from cpgrl_opt.testing.law import varied
 
 SEEDS = (0, 1, 20)
 
@@ -140,12 +142,36 @@ def test_bounds_bind_in_some_problems_and_not_in_others() -> None:
     assert not all(binding)
 
 
+@pytest.mark.parametrize(("name", "condition"), [("metric-full", 1e2), ("metric-1e10", 1e10), ("metric-diagonal", 1e3)])
+def test_metrics_are_as_ill_conditioned_as_the_name_says(name: str, condition: float) -> None:
+    for problem in problems(name):
+        assert problem.radius is None
+        assert problem.metric is not None
+        M = np.diag(problem.metric) if problem.metric.ndim == 1 else problem.metric
+        assert np.log10(np.linalg.cond(M)) == pytest.approx(np.log10(condition), abs=1.0)
+
+
+def test_balls_reach_or_miss_the_constraints_by_half() -> None:
+    for name, factor in (("ball-bounds", 1.5), ("ball-metric-bounds", 1.5), ("ball-out-of-reach", 0.5)):
+        for problem in problems(name):
+            needed = exact_answer(varied(problem, gradient=0.0 * problem.gradient, radius=None))
+            M = np.eye(problem.n) if problem.metric is None else problem.metric
+            M = np.diag(M) if M.ndim == 1 else M
+            size = np.sqrt(needed.direction @ M @ needed.direction)
+            assert problem.radius == pytest.approx(factor * size, rel=1e-12)
+    assert all(1e11 < problem.radius < 1e13 for problem in problems("ball-1e12-infeasible"))
+    radii = [problem.radius for problem in problems("ball")]
+    assert max(radii) > 100 * min(radii)
+
+
 def test_exact_answers_rounded_pass_the_referee_where_float64_determines_them() -> None:
     for name in [name for name, family in FAMILIES.items() if family.well_posed and not family.is_large]:
         for problem in problems(name, 1):
             answer = exact_answer(problem)
-            judged = kkt_residuals(problem, Direction(answer.direction, answer.multipliers, Status.OPTIMAL))
-            assert judged.worst <= 1e-14, name
+            kappa = 0.0 if problem.radius is None else exact_trust_region(problem).radius_multiplier
+            given = Direction(answer.direction, answer.multipliers, Status.OPTIMAL, 0, kappa)
+            # Rounding d to float64 costs eps √cond(M) of its length in M.
+            assert kkt_residuals(problem, given).worst <= (1e-10 if name == "metric-1e10" else 2e-14), name
 
 
 def test_patterns_choose_families_and_a_wrong_name_is_answered_with_the_right_ones() -> None:

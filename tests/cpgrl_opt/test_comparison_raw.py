@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.comparison.contestants import installed, solver_of, variants_of
+from cpgrl_opt.comparison.contestants import contestant, installed, solver_of, variants_of
+from cpgrl_opt.comparison.exact import exact_answer
 from cpgrl_opt.comparison.judgement import judge
 from cpgrl_opt.comparison.raw import RAW
 from cpgrl_opt.solvers import is_installed
@@ -59,6 +60,35 @@ def test_whoever_stands_on_a_library_is_tried_raw_too() -> None:
     assert raw == set(RAW) >= {"nnls", "osqp", *BACK_ENDS, "cvxpy"}
     assert not raw & {"rosen", "rosen-drop", "active-set", "enumeration"}, "there is no library behind them"
     assert variants_of("somebody.else:SOLVER") == ("prepared",)
+
+
+def test_raw_back_ends_take_neither_metric_nor_ball() -> None:
+    in_metric = DirectionProblem(BY_HAND.gradient, BY_HAND.jacobian, BY_HAND.bound, BY_HAND.equality, [1.0, 2.0, 3.0])
+    in_ball = DirectionProblem(BY_HAND.gradient, BY_HAND.jacobian, BY_HAND.bound, BY_HAND.equality, radius=9.0)
+    for name in RAW_INSTALLED:
+        raw, prepared = contestant(name, "raw"), contestant(name, "prepared")
+        assert raw.supports(BY_HAND)
+        assert not raw.supports(in_metric)
+        assert not raw.supports(in_ball)
+        assert prepared.supports(in_metric)
+        assert prepared.supports(in_ball)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "off", "distance"),
+    [
+        ({}, 2.0, 0.5),
+        ({"metric": [4.0, 4.0]}, 0.5, 0.5),
+        ({"metric": [16.0, 1.0]}, 1.0, 1.0),
+        ({"radius": 10.0}, 2.0, 0.2),
+    ],
+)
+def test_distances_are_in_the_unit_of_the_problem(geometry: dict, off: float, distance: float) -> None:
+    """g = (0, 4): ‖L⁻¹g‖ is 4, 2, 4, and d* = (0, 4), (0, 1), (0, 4), or (0, 10) in the ball."""
+    problem = DirectionProblem([0.0, 4.0], np.zeros((0, 2)), **geometry)
+    exact = exact_answer(problem)
+    claimed = Direction(exact.direction + off * np.array([1.0, 0.0]), np.zeros(0), Status.OPTIMAL)
+    assert judge(problem, claimed, feasible=True, exact=exact).distance == pytest.approx(distance, rel=1e-14)
 
 
 def test_a_missing_package_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
