@@ -11,6 +11,7 @@ from .direction import DirectionBatch, DirectionError, Status
 from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
 from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
 from .problem import ProblemBatch
+from .recovery import recover
 from .scaling import lengths
 from .solvers import ActiveSet, DirectionSolver, Rosen, solve_batch, tolerance_of
 from .step_result import COUNTS, StepResult, nothing
@@ -49,6 +50,7 @@ class StepRun:
         self.settings = settings
         self.observe = observe
         self.runs = runs
+        self.takes_all = FORMULATIONS[settings.formulation].takes_all
         self.any_skipped = False
         self._counts: dict[str, np.ndarray] | None = None
 
@@ -72,8 +74,11 @@ class StepRun:
             self.counts["softened"] += constraints.active.any(axis=1)
         if settings.max_restoration < np.inf:
             constraints = self.cap(constraints, n)
+        constraints = constraints.demands(float(settings.restoration_rate))
         tangent, restoration = self.solve(constraints, np.arange(len(constraints.target)))
         still, any_still = self.at_rest(tangent.value, constraints)
+        if self.takes_all:
+            still &= self.counts["infeasible"] == 0  # no KKT point
         if settings.formulation == "equality" and (any_still or settings.drop == "always"):
             if settings.drop == "never":
                 still[still] = ~has_positive_multipliers(constraints.rows(still))
@@ -92,6 +97,8 @@ class StepRun:
         residuals = tangent.residuals if restoration is None else np.maximum(tangent.residuals, restoration.residuals)
         predicted = np.empty(slack.shape)
         step_kernels().predict(gradients, slack, change, predicted)
+        if self.takes_all:
+            active = multipliers > 0.0
         return StepResult(change, active, still, self.counted(), multipliers, residuals, predicted)
 
     def change(self, tangent: np.ndarray, restoration: np.ndarray | None, n: int) -> Float[np.ndarray, "B n"]:
@@ -117,14 +124,18 @@ class StepRun:
         any_flat, extreme = step_kernels().admit(gradients, slack, active, target, kept, flat)
         if any_flat:
             self.counts["flat"][:] = flat
-        constraints = ActiveConstraints(gradients, target, kept)
+        room = None
+        if self.takes_all:
+            room = float(self.settings.slack_fraction) * np.maximum(slack, 0.0)
+        constraints = ActiveConstraints(gradients, target, kept, room=room)
         return constraints.balanced() if extreme and self.settings.ridge == 0 else constraints
 
     def cap(self, constraints: ActiveConstraints, n: int) -> ActiveConstraints:
-        """t shortened so that αₑ‖J⁺t‖, and in `restoring` αₑ‖v‖ with the v of `cone`, are ≤ max_restoration."""
-        factor = self.shortening(self.measure(Rosen(), least_norm_restorations(constraints)), n)
-        if self.settings.formulation == "restoring":
-            v = self.measure(ActiveSet(), least_norm_restorations(constraints, "cone"))
+        """t shortened so that αₑ‖J⁺t‖, and with a restoration inside αₑ‖v‖, v of `cone`, are ≤ max_restoration."""
+        restored = constraints.violated() if self.takes_all else constraints
+        factor = self.shortening(self.measure(Rosen(), least_norm_restorations(restored)), n)
+        if FORMULATIONS[self.settings.formulation].restores_inside:
+            v = self.measure(ActiveSet(), least_norm_restorations(restored, "cone"))
             factor = np.minimum(factor, self.shortening(v, n))
         return replace(constraints, target=constraints.target * factor[:, None])
 
@@ -147,12 +158,13 @@ class StepRun:
     def solve(self, constraints: ActiveConstraints, runs: Int[np.ndarray, "chosen"]) -> tuple[Moves, Moves | None]:
         """Tangent s and restoration v, None where it is inside."""
         settings = self.settings
-        ratio = settings.restoration_rate / settings.step_size if settings.step_size else 0.0
+        inside = 1.0 if self.takes_all else settings.restoration_rate  # which `demands` has taken in
+        ratio = inside / settings.step_size if settings.step_size else 0.0
         problems, count = FORMULATIONS[settings.formulation].problems(constraints, ratio), len(runs)
         if settings.radius is not None:  # the tangent's alone: a restoration is the shortest move that restores
-            in_ball = self.solve_certified(problems[:count].in_geometry(None, settings.radius), runs)
-            apart = len(problems) > count
-            return Moves.of(in_ball), Moves.of(self.solve_certified(problems[count:], runs)) if apart else None
+            in_ball = problems[:count].in_geometry(None, settings.radius)
+            tangent, apart = Moves.of(self.solve_certified(in_ball, runs)), len(problems) > count
+            return tangent, Moves.of(self.solve_certified(problems[count:], runs)) if apart else None
         answers = self.solve_certified(problems, runs)
         return Moves.of(answers[:count]), Moves.of(answers[count:]) if len(answers) > count else None
 
@@ -165,7 +177,21 @@ class StepRun:
         if np.count_nonzero(answers.status):
             members = np.resize(runs, len(answers))
             answers = self.hand_on(problems, answers, members)
-            np.add.at(self.counts["infeasible"], members[answers.status == Status.INFEASIBLE], 1)
+            infeasible = np.flatnonzero(answers.status == Status.INFEASIBLE)
+            np.add.at(self.counts["infeasible"], members[infeasible], 1)
+            if self.takes_all:
+                answers = self.recover(problems, answers, infeasible)
+        return answers
+
+    def recover(
+        self, problems: ProblemBatch, answers: DirectionBatch, infeasible: Int[np.ndarray, "part"]
+    ) -> DirectionBatch:
+        """Least violation of the violated rows alone, the others being met; see `recovery`."""
+        answers = answers.owned()
+        for k in infeasible.tolist():
+            recovered = recover(problems[k], answers.value[k])
+            if recovered is not None:
+                answers.value[k], answers.multipliers[k] = recovered
         return answers
 
     def hand_on(

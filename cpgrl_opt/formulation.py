@@ -5,8 +5,9 @@ With g = Δ¹, rows Δⁱ of J, t = −min(slack, 0) ≥ 0 and the active set �
     equality    s = argmin ½‖s − g‖²  s.t.  J s = 0      v = argmin ½‖v‖²  s.t.  J v = t     eq. 8–10 as printed, v = −d
     cone        s = argmin ½‖s − g‖²  s.t.  J s ≥ 0      v = argmin ½‖v‖²  s.t.  J v ≥ t     multipliers exact
     restoring   s = argmin ½‖s − g‖²  s.t.  J s ≥ (αₑ/α₁) t                                  one QP, restoration inside
+    linearized  s = argmin ½‖s − g‖²  s.t.  J s ≥ (αₑ t − κ max(slack, 0))/α₁, all rows      slack kept, a part κ of it
 
-A step then moves θ by α₁ s + αₑ v, and by α₁ s for `restoring`.
+A step then moves θ by α₁ s + αₑ v, and by α₁ s for `restoring` and `linearized`.
 """
 
 from dataclasses import dataclass, replace
@@ -33,13 +34,15 @@ def step_kernels() -> Any:
 class ActiveConstraints:
     """B linearized problems before a formulation: Δ¹ and the rows of J, the target t ≥ 0, and the active set.
 
-    exponents: rows were divided by 2 to these, None where none was.
+    exponents: rows were divided by 2 to these, None where none was. room: what of its slack a constraint may lose, None
+    where none may lose any.
     """
 
     gradients: Float[np.ndarray, "B channels n"]
     target: Float[np.ndarray, "B m"]
     active: Bool[np.ndarray, "B m"]
     exponents: Int[np.ndarray, "B m"] | None = None
+    room: Float[np.ndarray, "B m"] | None = None
 
     @property
     def jacobian(self) -> Float[np.ndarray, "B m n"]:
@@ -49,8 +52,9 @@ class ActiveConstraints:
     def rows(self, chosen: np.ndarray, active: Bool[np.ndarray, "B m"] | None = None) -> "ActiveConstraints":
         """The same for the runs that a mask or an index array names; active: other sets, of all runs."""
         exponents = None if self.exponents is None else self.exponents[chosen]
+        room = None if self.room is None else self.room[chosen]
         active = self.active if active is None else active
-        return ActiveConstraints(self.gradients[chosen], self.target[chosen], active[chosen], exponents)
+        return ActiveConstraints(self.gradients[chosen], self.target[chosen], active[chosen], exponents, room)
 
     def balanced(self) -> "ActiveConstraints":
         """Rows beyond 2^±400 and their targets over a power of two that leaves the row's largest entry in ½ … 1.
@@ -62,7 +66,9 @@ class ActiveConstraints:
         exponents = np.where(np.abs(exponents) < _LARGEST_EXPONENT, 0, exponents)
         gradients = self.gradients.copy()
         gradients[:, 1:] = np.ldexp(jacobian, -exponents[:, :, None])
-        return replace(self, gradients=gradients, target=np.ldexp(self.target, -exponents), exponents=exponents)
+        room = None if self.room is None else np.ldexp(self.room, -exponents)
+        target = np.ldexp(self.target, -exponents)
+        return replace(self, gradients=gradients, target=target, exponents=exponents, room=room)
 
     def original(self, multipliers: Float[np.ndarray, "B m"]) -> Float[np.ndarray, "B m"]:
         """Multipliers of the rows as they were given; ±inf where they leave float64."""
@@ -70,6 +76,14 @@ class ActiveConstraints:
             return multipliers
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(np.ldexp(multipliers, -self.exponents))
+
+    def violated(self) -> "ActiveConstraints":
+        """The same with only those active that are violated."""
+        return replace(self, active=self.active & (self.target > 0.0))
+
+    def demands(self, rate: float) -> "ActiveConstraints":
+        """αₑ t − room in the place of t."""
+        return self if self.room is None else replace(self, target=rate * self.target - self.room, room=None)
 
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
@@ -83,10 +97,14 @@ class ActiveConstraints:
 
 @dataclass(frozen=True)
 class Formulation:
-    """Which problems a step solves: is the active set held with equality, and is the restoration inside the QP?"""
+    """Which problems a step solves: is the active set held with equality, and is the restoration inside the QP?
+
+    takes_all: all constraints are in it, those that are met with a part of their slack.
+    """
 
     is_equality: bool
     restores_inside: bool
+    takes_all: bool = False
 
     def tangents(self, constraints: ActiveConstraints, rate_ratio: float = 0.0) -> ProblemBatch:
         """The B tangent problems alone."""
@@ -122,6 +140,7 @@ FORMULATIONS = {
     "equality": Formulation(is_equality=True, restores_inside=False),
     "cone": Formulation(is_equality=False, restores_inside=False),
     "restoring": Formulation(is_equality=False, restores_inside=True),
+    "linearized": Formulation(is_equality=False, restores_inside=True, takes_all=True),
 }
 
 

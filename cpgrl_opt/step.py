@@ -12,6 +12,7 @@ import numpy as np
 
 from ._step_run import StepRun
 from .arrays import ArrayLike, Bool, Float
+from .formulation import FORMULATIONS
 from .linearization import Linearization
 from .metric import Whitening
 from .step_in_span import step_in_span
@@ -28,25 +29,32 @@ class ConstrainedStep(StepSettings):
 
     solver, rule: objects, or the names of SOLVERS, ACTIVE_SET_RULES; formulation: a name of FORMULATIONS. What a
         solver that is not of SOLVERS calls OPTIMAL or INFEASIBLE is put before the referee here.
-    step_size α₁ and restoration_rate αₑ: ≥ 0 (the paper: both 0.02), α₁ > 0 for `restoring`. α₁ is 0.02 where it is
-        not given, and 1 with a radius.
+    step_size α₁ and restoration_rate αₑ: ≥ 0 (the paper: both 0.02), α₁ > 0 for `restoring` and `linearized`. α₁ is
+        0.02 where it is not given, and 1 with a radius.
+    slack_fraction κ in [0, 1], of `linearized` alone: in a step a constraint loses no more than this part of its slack,
+        to first order. κ ≥ αₑ is advised: where rows and slacks sum to 0, as on the three-state MDP, nothing
+        meets all constraints with κ < αₑ once one is violated. What nothing meets is counted `infeasible`: then those
+        that are violated are violated least while the others are met (see `recovery`), as constrained policy
+        optimization recovers. Its rule is the default.
     drop: which constraints `equality` takes out of 𝒜 (§2.3): "stationary", argmax λᵢ‖Jᵢ‖ while PΔ¹ = 0 and no λ ≤ 0
         exists; "always", whether PΔ¹ = 0 or not; "never". λ is the step's own, of dependent rows the one of least norm,
         and what ties leaves together, so that neither the solver nor the order of the constraints decides: see
         `drop_rule`. raw_multipliers compares λᵢ instead, as printed.
-    ridge ε ≥ 0: softens the constraints, (JJᵀ + εI)⁻¹ in P and d; in the squared unit of a gradient. Ours.
+    ridge ε ≥ 0: softens the constraints, (JJᵀ + εI)⁻¹ in P and d, JM⁻¹Jᵀ in a metric; in the squared unit of a
+        gradient; 0 with `linearized`. Ours.
     max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ (in the
         metric's where there is one). Where rows depend, J⁺ answers by least squares and may be much shorter than the v
-        of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone` and in `restoring`, where that v is inside. Ours.
+        of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone`, and in `restoring` and `linearized`, where that v is
+        inside. `linearized` asks so much less of the constraints that are violated; J are their rows alone. Ours.
     metric M: (n,) positive or (n, n) symmetric positive definite: s, v and their lengths are taken in it (a natural
         gradient where M is the Fisher matrix). It asks nothing of the solver: the gradients are taken to the
         coordinates where M = I, whatever follows is Euclidean there, and the change is brought back.
-    radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹ projected. With `restoring` ‖change‖_M ≤ α₁ radius,
-        to the solver's tolerance. With `equality` and `cone` α₁ s alone is as short: restorations v know no radius, and
-        a change that they make longer is counted `long`. With `restoring` s solves a problem like that of constrained
-        policy optimization (Achiam et al. 2017), but only on the active constraints and with
-        b = −(αₑ/α₁) min(slack, 0), where CPO has b = −slack for all: a constraint that is met with slack may be broken
-        in one step. The solver should have `takes_geometry`.
+    radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹ projected. To the solver's tolerance
+        ‖change‖_M ≤ α₁ radius with `restoring` and `linearized`. With `equality` and `cone` α₁ s alone is as short:
+        restorations v know no radius, and a change that they make longer is counted `long`. `linearized` with
+        κ = α₁ = αₑ = 1 is constrained policy optimization (Achiam et al. 2017, eq. 10) for any number of constraints,
+        Js ≥ −slack, without its line search; `restoring` is not: it has the active constraints alone, so that one with
+        slack may be broken in one step. The solver should have `takes_geometry`.
     on_failure: a subproblem neither OPTIMAL nor INFEASIBLE is handed to active-set ("fallback"), leaves θ as it
         is ("skip"), or raises DirectionError ("raise"). A fallback that fails too is skipped.
     """
@@ -117,6 +125,8 @@ class ConstrainedStep(StepSettings):
         if previous is not None:
             previous = boolean_array("previous", previous)
             require_shape("previous", previous, slack.shape)
+        if FORMULATIONS[self.formulation].takes_all:
+            return np.ones(slack.shape, np.bool_)
         try:
             active = np.array(self.rule(read_only(slack), previous), order="C")  # type: ignore[operator]
         except ValueError as error:

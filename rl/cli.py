@@ -182,7 +182,9 @@ def three_state(
     steps: Annotated[int, typer.Option(help="Environment steps of an episode.")] = 100,
     seed: Annotated[int, typer.Option(help="Seed of all random streams.")] = 0,
     solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
-    formulation: Annotated[str, typer.Option(help="Of the subproblem: equality, cone, restoring.")] = "equality",
+    formulation: Annotated[
+        str, typer.Option(help="Of the subproblem: equality, cone, restoring, linearized.")
+    ] = "equality",
     record_every: Annotated[int, typer.Option(help="Episodes between two rows of a run in learning.csv.")] = 100,
     record: Annotated[
         int, typer.Option(help="Direction problems to keep in subproblems.npz; 0 for none.", metavar="N")
@@ -194,7 +196,7 @@ def three_state(
         bool, typer.Option("--compare", help="Train CPGRL under other solvers, formulations and drop rules too.")
     ] = False,
     compare_solvers: Annotated[str, typer.Option(help="Of --compare; five if empty; or `all`.")] = "",
-    compare_formulations: Annotated[str, typer.Option(help="Of --compare.")] = "equality,cone,restoring",
+    compare_formulations: Annotated[str, typer.Option(help="Of --compare.")] = "equality,cone,restoring,linearized",
     compare_episodes: Annotated[int, typer.Option(help="Of --compare, where a solver is not compiled.")] = 500,
 ) -> None:
     """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
@@ -229,7 +231,9 @@ def arm(
     episodes: Annotated[int, typer.Option(help="Episodes of a run; an update follows each.")] = 10_000,
     seed: Annotated[int, typer.Option(help="Seed of all random streams.")] = 0,
     solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
-    formulation: Annotated[str, typer.Option(help="Of the subproblem: equality, cone, restoring.")] = "equality",
+    formulation: Annotated[
+        str, typer.Option(help="Of the subproblem: equality, cone, restoring, linearized.")
+    ] = "equality",
     estimator: Annotated[str, typer.Option(help="Of the gradients: konda, gpomdp.")] = "konda",
     conditions: Annotated[
         str, typer.Option(help="a, b, c of the paper; c-episode, c-feasible, c-no-projection beside them.")

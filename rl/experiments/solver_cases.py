@@ -10,6 +10,7 @@ _EXAMPLES = {
     "equality": DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], equality=[True]),
     "cone": DirectionProblem([1.0, 1.0], [[-1.0, 0.0]]),
     "restoring": DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], bound=[0.5]),
+    "linearized": DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], bound=[-0.5]),
 }
 
 

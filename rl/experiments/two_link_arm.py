@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpgrl_opt import ConstrainedStep
+from cpgrl_opt import FORMULATIONS, ConstrainedStep
 from cpgrl_opt.validation import require_count
 from envs import TwoLinkArm
 
@@ -58,7 +58,12 @@ class Case:
 
 # --compare: (b) and (c) under each formulation, by a solver that takes it.
 COMPARED_CONDITIONS = ("b", "c")
-COMPARED_STEPS = (("rosen", "equality"), ("active-set", "cone"), ("active-set", "restoring"))
+COMPARED_STEPS = (
+    ("rosen", "equality"),
+    ("active-set", "cone"),
+    ("active-set", "restoring"),
+    ("active-set", "linearized"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,14 +122,18 @@ class ArmSettings:
         self.gradient_estimator("a")
 
     def step(self, solver: str | None = None, formulation: str | None = None) -> ConstrainedStep:
-        """The step with its safeguards; this solver and formulation instead of the settings' own if given."""
+        """The step with its safeguards; this solver and formulation instead of the settings' own if given.
+
+        "linearized" goes without the ridge, which it does not take.
+        """
+        formulation = formulation or self.formulation
         return ConstrainedStep(
             solver=solver or self.solver,
-            formulation=formulation or self.formulation,
+            formulation=formulation,
             step_size=self.step_size,
             restoration_rate=self.restoration_rate,
             drop=self.drop,
-            ridge=self.ridge,
+            ridge=0.0 if formulation == "linearized" else self.ridge,
             max_restoration=self.max_restoration,
         )
 
@@ -145,7 +154,7 @@ class ArmSettings:
     def learner(self, case: Case) -> Learner:
         """Plain policy gradient of r¹, CPGRL, or gradient plus restoration.
 
-        Without P the formulation "restoring" has no restoration of its own; that of "cone" stands in.
+        Without P "restoring" and "linearized" have no restoration of their own; that of "cone" stands in.
         """
         condition = CONDITIONS[case.condition]
         if condition.thresholds is None:
@@ -153,7 +162,7 @@ class ArmSettings:
         step = self.step(case.solver, case.formulation)
         if condition.projected:
             return CPGRL(step, condition.thresholds)
-        if step.formulation == "restoring":
+        if FORMULATIONS[step.formulation].restores_inside:
             step = replace(step, formulation="cone")
         return GradientWithRestoration(step, condition.thresholds)
 

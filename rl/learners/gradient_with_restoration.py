@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt import FORMULATIONS, ConstrainedStep, Linearization
 from cpgrl_opt.arrays import Float
 from cpgrl_opt.step import Observer
 
@@ -19,7 +19,7 @@ class GradientWithRestoration:
     """θ ← θ + α₁ Δ¹ + αₑ v: CPGRL's restoration v = −d beside the whole gradient, eq. 8 with P = I.
 
     step: a `ConstrainedStep`; its solver, rates and safeguards serve the restoration. thresholds Gⁱ: (m,).
-    Raises ValueError for the formulation "restoring", whose restoration is no move of its own. Ours, for comparison.
+    Raises ValueError for "restoring" and "linearized", whose restoration is no move of its own. Ours, for comparison.
     """
 
     step: ConstrainedStep
@@ -27,8 +27,10 @@ class GradientWithRestoration:
     restoration: ConstrainedStep
 
     def __init__(self, step: ConstrainedStep, thresholds: ArrayLike) -> None:
-        if step.formulation == "restoring":
-            raise ValueError("formulation should be 'equality' or 'cone', with a restoration apart; found 'restoring'")
+        if FORMULATIONS[step.formulation].restores_inside:
+            raise ValueError(
+                f"formulation should be 'equality' or 'cone', with a restoration apart; found {step.formulation!r}"
+            )
         object.__setattr__(self, "step", step)
         object.__setattr__(self, "thresholds", threshold_vector(thresholds))
         object.__setattr__(self, "restoration", replace(step, step_size=0.0))

@@ -316,7 +316,10 @@ def test_an_observer_sees_every_subproblem_with_its_answer():
     ("settings", "message"),
     [
         ({"solver": "simplex"}, "rosen.*active-set.*found 'simplex'"),
-        ({"formulation": "sphere"}, "formulation should be one of equality, cone, restoring; found 'sphere'"),
+        (
+            {"formulation": "sphere"},
+            "formulation should be one of equality, cone, restoring, linearized; found 'sphere'",
+        ),
         ({"rule": "all"}, "rule should be one of violated, hysteresis; found 'all'"),
         ({"drop": "sometimes"}, "drop should be one of never, stationary, always"),
         ({"on_failure": "ignore"}, "on_failure should be one of"),

@@ -18,7 +18,7 @@ from cpgrl_opt import (
 from cpgrl_opt.published import CPO
 from cpgrl_opt.solvers import is_installed
 
-FORMULATIONS = ["equality", "cone", "restoring"]
+FORMULATIONS = ["equality", "cone", "restoring", "linearized"]
 NOTHING = -100.0  # thresholds that no run violates
 
 
@@ -109,9 +109,10 @@ def test_the_step_size_is_one_with_a_radius_and_the_papers_without(formulation):
 
 @pytest.mark.parametrize("step_size", [None, 0.3])
 @pytest.mark.parametrize("metric", [None, fisher(13)])
-def test_the_radius_bounds_the_change_where_the_restoration_is_inside(metric, step_size):
+@pytest.mark.parametrize("formulation", ["restoring", "linearized"])
+def test_the_radius_bounds_the_change_where_the_restoration_is_inside(formulation, metric, step_size):
     """In reach or out of it; longer than nine tenths of it in both, so that the bound is no idle one."""
-    step = ConstrainedStep(formulation="restoring", radius=0.2, metric=metric, step_size=step_size)
+    step = ConstrainedStep(formulation=formulation, radius=0.2, metric=metric, step_size=step_size)
     for seed in range(20):
         linearization = random_linearization(seed)
         change = step(linearization, linearization.values[1:] + np.array([0.02, 0.5 * (seed % 2)])).change
@@ -141,6 +142,8 @@ def test_a_restoration_that_the_ball_cannot_reach_is_counted_infeasible():
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("settings", [{}, {"ridge": 0.3}, {"max_restoration": 1e-3}, {"drop": "always"}])
 def test_the_identity_as_metric_changes_nothing(formulation, settings):
+    if formulation == "linearized":
+        settings = {name: value for name, value in settings.items() if name != "ridge"}  # which it refuses
     linearization = random_linearization(6, runs=(3,))
     one, two = (plain(formulation=formulation, metric=M, **settings) for M in (None, np.eye(5)))
     first, second = one(linearization, np.zeros(2)), two(linearization, np.zeros(2))

@@ -17,7 +17,7 @@ def held(formulation, limit=LIMIT, **settings):
 
 
 @pytest.mark.parametrize("metric", [None, [4.0, 0.25]])
-@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
+@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
 def test_the_move_is_no_longer_than_its_limit(formulation, metric):
     result = held(formulation, metric=metric)(STILL, THRESHOLDS)
     size = np.linalg.norm(result.change * np.sqrt(np.broadcast_to(1.0 if metric is None else metric, 2)))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cpgrl_opt import ConstrainedStep, Direction, Linearization, Status, StepResult
 from cpgrl_opt.vectors import _numpy as array_vectors
 
-FORMULATIONS = ["equality", "cone", "restoring"]
+FORMULATIONS = ["equality", "cone", "restoring", "linearized"]
 METRIC = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 3.0]])
 WAYS = {
     "usual": {},

@@ -44,7 +44,7 @@ def test_solvers_lists_every_solver_with_what_it_takes_and_guarantees(monkeypatc
     assert header == ["solver", "installed", "formulations", "guarantee", "source"]
     assert len(rows) == len(SOLVERS)
     for row, (name, solver) in zip(rows, SOLVERS.items(), strict=True):
-        installed, cases = "no" if name == "highs" else "yes", takes.get(name, "equality, cone, restoring")
+        installed, cases = "no" if name == "highs" else "yes", takes.get(name, ", ".join(FORMULATIONS))
         assert row == [name, installed, cases, solver.guarantee, solver.source]
 
 

@@ -7,7 +7,7 @@ from cpgrl_opt import ConstrainedStep
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
 from rl import CPGRL, ExactGradient, LinearSoftmax, SoftmaxTable, TrainingRecord, train, uniform_parameters
 
-FORMULATIONS = ["equality", "cone", "restoring"]
+FORMULATIONS = ["equality", "cone", "restoring", "linearized"]
 
 
 def last_record(mdp: TabularMDP, step: ConstrainedStep, thresholds: np.ndarray, episodes: int) -> TrainingRecord:

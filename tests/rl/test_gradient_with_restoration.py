@@ -42,5 +42,6 @@ def test_safeguards_act_on_the_restoration_alone_and_are_counted(formulation):
 
 
 def test_a_formulation_whose_restoration_is_no_move_of_its_own_is_refused():
-    with pytest.raises(ValueError, match=r"formulation should be 'equality' or 'cone'.*found 'restoring'"):
-        GradientWithRestoration(ConstrainedStep(formulation="restoring"), [0, 0])
+    for formulation in ("restoring", "linearized"):
+        with pytest.raises(ValueError, match=rf"formulation should be 'equality' or 'cone'.*found '{formulation}'"):
+            GradientWithRestoration(ConstrainedStep(formulation=formulation), [0, 0])

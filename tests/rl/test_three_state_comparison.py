@@ -47,6 +47,8 @@ def test_every_solver_is_compared_where_it_is_taken_and_the_first_under_every_dr
         ("cone", "", "nnls", 8),
         ("restoring", "", "active-set", 12),
         ("restoring", "", "nnls", 8),
+        ("linearized", "", "active-set", 12),
+        ("linearized", "", "nnls", 8),
     ]
     assert SETTINGS.common == 8
     assert SETTINGS.updates == sum(case[3] for case in cases)
@@ -157,7 +159,7 @@ def test_intervals_cover_the_mean_as_often_as_they_say():
     ("changes", "message"),
     [
         ({"solvers": ["rosn"]}, "solver should be one of rosen, .*; found 'rosn'"),
-        ({"formulations": ["cones"]}, "formulation should be one of equality, cone, restoring; found 'cones'"),
+        ({"formulations": ["cones"]}, "formulation should be one of equality, cone, .*, linearized; found 'cones'"),
         ({"solvers": ["rosen"], "formulations": ["cone"]}, "a solver should take one of the formulations"),
         ({"slow_episodes": 0}, "slow_episodes should be"),
     ],

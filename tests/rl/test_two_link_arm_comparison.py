@@ -12,7 +12,7 @@ from rl.experiments.two_link_arm_records import train_two_link_arm
 from rl.experiments.two_link_arm_reproduction import FILES, reproduce_two_link_arm
 
 SETTINGS = ArmSettings(runs=2, episodes=60, conditions=["c"], compare=True, record_every=20)
-STEPS = [("equality", "rosen"), ("cone", "active-set"), ("restoring", "active-set")]
+STEPS = [("equality", "rosen"), ("cone", "active-set"), ("restoring", "active-set"), ("linearized", "active-set")]
 
 
 @pytest.fixture(scope="module")
@@ -30,14 +30,15 @@ def rows(directory):
 
 def test_b_and_c_are_trained_under_every_formulation_and_the_settings_own_step_once():
     labels = [case.label for case in ArmSettings(compare=True).cases()]
-    assert labels == [*CONDITIONS, "b, cone", "b, restoring", "c, cone", "c, restoring"]
+    others = [f"{condition}, {formulation}" for condition in "bc" for formulation, _ in STEPS[1:]]
+    assert labels == [*CONDITIONS, *others]
     assert [(case.condition, case.formulation, case.solver) for case in SETTINGS.compared()] == [
         (condition, *step) for condition in "bc" for step in STEPS
     ]
     other = ArmSettings(compare=True, conditions=["b"], solver="osqp", formulation="restoring").cases()
     assert other[0] == Case("b", "b", "osqp", "restoring")
     assert Case("b, restoring", "b", "active-set", "restoring") in other
-    assert len({case.label for case in other}) == len(other) == 7
+    assert len({case.label for case in other}) == len(other) == 9
     assert not ArmSettings().compared()
 
 

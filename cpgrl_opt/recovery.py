@@ -1,0 +1,141 @@
+"""Recovery: where linearized constraints contradict each other, those that are violated give way, and the others hold.
+
+    v = argmin ½‖v‖²      s.t.  Ĵ_V d + v ≥ b̂_V,   Ĵ_S d ≥ b̂_S   for some d           V: rows with b > 0, S: the others
+    d = argmin ½‖d − g‖²  s.t.  Ĵ_V d ≥ b̂_V − v,   Ĵ_S d ≥ b̂_S                       in a ball: max gᵀd, ‖d‖ ≤ radius
+
+d = 0 meets S, so that V can always give way alone. What finds v has a weight κ on d and is never infeasible,
+
+    (d, w) = argmin ½‖d − c‖² + ½‖w‖²   s.t.  Ĵ_V d + √κ w ≥ b̂_V,   Ĵ_S d ≥ b̂_S,        v = √κ w
+
+and its multipliers μ have Ĵᵀμ = d − c. Without a ball c ← d for a small κ, until v stays: then y = κμ is a Farkas
+vector, y_V = v, Ĵᵀy = 0. In a ball that the shortest such d is too long for, c = 0, and κ is the ball's multiplier:
+‖d‖, which falls with κ, is the radius, and b̂ᵀy = ‖v‖² + radius ‖Ĵᵀy‖.
+Source: Rockafellar 1976, Monotone operators and the proximal point algorithm; Moré & Sorensen 1983 for the ball.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Float, Multipliers, Vector
+from .direction import Status
+from .problem import DirectionProblem, ProblemBatch
+from .scaling import norm, unit_rows
+from .solvers import ActiveSet, solve_batch
+
+# κ of the proximal steps: each leaves κ/(κ + σ²) of an error along rows with the singular value σ. With 1e-4 rows at
+# 0.01 rad take ten times as long; with 1e-10 the soft rows lie 1e-5 rad apart, and v loses a digit or two.
+_WEIGHT = 1e-7
+_MOST_STEPS = 100
+_STAYS = 1e-13  # change of v, in units of the largest b̂_V, that is rounding
+# S missed by less than this, in units of the longer of d and b̂_V, is met: what least violation of all leaves of a row
+# that it does not violate.
+_MET = 1e-12
+_ROUNDING = 8 * float(np.finfo(np.float64).eps)  # of b̂ − Ĵd, for d of length 1
+_LEAST_WEIGHT, _FARTHER = 1e-13, 64.0  # where the search for a ball's κ ends, and its first steps
+
+
+class Recovered(NamedTuple):
+    """d (n,), and μ (m,): a proof that nothing meets all of the rows."""
+
+    value: Vector
+    multipliers: Multipliers
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Unit rows that are on and their bounds, in units of the largest b̂_V; gives: V."""
+
+    jacobian: Float[np.ndarray, "p n"]
+    bound: Float[np.ndarray, "p"]
+    gives: np.ndarray
+
+    def soften(self, weight: float, center: Vector) -> tuple[Vector, Float[np.ndarray, "p"]]:
+        """d of the module's head and y = κμ for κ = weight and c = center."""
+        count, n = int(self.gives.sum()), self.jacobian.shape[1]
+        soft = np.zeros((len(self.bound), n + count))
+        soft[:, :n] = self.jacobian
+        soft[self.gives, range(n, n + count)] = math.sqrt(weight)
+        gradient = np.append(center, np.zeros(count))
+        none = np.zeros(len(self.bound), np.bool_)
+        answer = ActiveSet().solve(DirectionProblem.trusted(gradient, soft, self.bound.copy(), none))
+        return answer.value[:n], weight * answer.multipliers
+
+    def violation(self, d: Vector) -> Float[np.ndarray, "p"]:
+        """v of d on V; 0 on S."""
+        return np.where(self.gives, np.maximum(self.bound - self.jacobian @ d, 0.0), 0.0)
+
+
+def recover(problem: DirectionProblem, found: Vector) -> Recovered | None:
+    """The recovery of an infeasible problem of inequalities, M = I; None where `found` is one.
+
+    found: its least violation of all rows alike, which is a recovery where it meets S.
+    """
+    unit = unit_rows(problem.jacobian)
+    bound = unit.per_length(problem.bound)
+    on = (bound > -np.inf) & (unit.largest > 0.0)
+    scale = float(bound[on].max(initial=0.0))
+    if not scale > 0.0:
+        return None
+    rows = _Rows(np.ascontiguousarray(unit.jacobian[on]), bound[on] / scale, bound[on] > 0.0)
+    missed = np.where(rows.gives, 0.0, rows.bound - rows.jacobian @ (found / scale)).max()
+    if missed <= _MET * max(1.0, norm(found) / scale):
+        return None
+    radius = math.inf if problem.radius is None else problem.radius / scale
+    d, y = _least_violation(rows, problem.gradient / scale, radius)
+    multipliers = np.zeros(problem.m)
+    multipliers[on] = y
+    return Recovered(scale * d, unit.per_length(multipliers))
+
+
+def _least_violation(rows: _Rows, gradient: Vector, radius: float) -> tuple[Vector, Float[np.ndarray, "p"]]:
+    d, y = _approach(rows)
+    rounding = _ROUNDING * max(1.0, norm(d))  # which would else be all that rows which oppose each other ask for
+    given = np.where(rows.gives, rows.bound - rows.violation(d) - rounding, rows.bound)
+    if radius < math.inf:
+        shortest = _nearest(rows, given, np.zeros_like(gradient), None)
+        if norm(d if shortest is None else shortest) > radius:
+            return _on_sphere(rows, radius)
+    nearest = _nearest(rows, given, gradient, None if radius == math.inf else radius)
+    return (d if nearest is None else nearest), y
+
+
+def _approach(rows: _Rows) -> tuple[Vector, Float[np.ndarray, "p"]]:
+    """A d that violates least, without a ball, and y."""
+    d = np.zeros(rows.jacobian.shape[1])
+    v = rows.violation(d)
+    for _ in range(_MOST_STEPS):
+        d, y = rows.soften(_WEIGHT, d)
+        before, v = v, rows.violation(d)
+        if np.abs(v - before).max() <= _STAYS:
+            break
+    return d, y
+
+
+def _nearest(rows: _Rows, bound: Float[np.ndarray, "p"], gradient: Vector, radius: float | None) -> Vector | None:
+    """Of what meets these bounds; rounding may leave nothing that does, and then the least violation is as good."""
+    none = np.zeros((1, len(bound)), np.bool_)
+    problems = ProblemBatch.trusted(gradient[None].copy(), rows.jacobian[None], bound[None], none)
+    [answer] = solve_batch(ActiveSet(), problems.in_geometry(None, radius))
+    return answer.value if answer.status in (Status.OPTIMAL, Status.INFEASIBLE) else None
+
+
+def _on_sphere(rows: _Rows, radius: float) -> tuple[Vector, Float[np.ndarray, "p"]]:
+    """d with ‖d‖ = radius by a search for log κ, and y."""
+    from scipy.optimize import brentq  # first use only: importing the package stays light
+
+    center = np.zeros(rows.jacobian.shape[1])
+
+    def excess(exponent: float) -> float:
+        return math.log(max(norm(rows.soften(math.exp(exponent), center)[0]) / radius, 1e-300))
+
+    # ½κ‖d‖² ≤ ½‖b̂_V‖², which d = 0 has.
+    high = 2.0 * math.log(norm(rows.bound[rows.gives]) / radius) + 1.0
+    low = high
+    while excess(low) < 0.0 and low > math.log(_LEAST_WEIGHT):
+        low -= math.log(_FARTHER)
+    weight = math.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15) if excess(low) > 0.0 else low)
+    d, y = rows.soften(weight, center)
+    return d * min(1.0, radius / norm(d)), y

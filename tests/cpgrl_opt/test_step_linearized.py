@@ -1,0 +1,247 @@
+"""`linearized`: all constraints in one problem, CPO for any number of them, and a recovery in two stages."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import nnls
+
+from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, hysteresis
+from cpgrl_opt.published import CPO
+from cpgrl_opt.recovery import recover
+from cpgrl_opt.solvers import is_usable, supports
+from cpgrl_opt.vectors import _numpy as array_vectors
+
+SEEDS = st.integers(0, 2**32 - 1)
+METRIC = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 3.0]])
+
+
+def linearized(**settings):
+    return ConstrainedStep(**{"formulation": "linearized", **settings})
+
+
+def full(**settings):
+    """κ = α₁ = αₑ = 1."""
+    return linearized(**{"step_size": 1.0, "restoration_rate": 1.0, **settings})
+
+
+def drawn(seed, m, n=3, kind="generic", size=1.0):
+    """Rows apart, summing to 0, or two that oppose each other; slacks of either sign."""
+    rng = np.random.default_rng(seed)
+    V = rng.standard_normal((1 + m, n))
+    if kind == "sum":
+        V[-1] = -V[1:-1].sum(axis=0)
+    if kind == "opposed":
+        V[2] = -rng.uniform(0.5, 2.0) * V[1]
+    return Linearization(np.append(0.0, size * rng.standard_normal(m)), V)
+
+
+def test_its_problem_has_every_constraint_with_a_part_of_its_slack():
+    """b = −κ slack/α₁ where slack ≥ 0, −αₑ slack/α₁ where it is not; a row of zeros is left out."""
+    V = np.vstack([[1.0, 2.0], np.eye(2), [1.0, 1.0], [0.0, 0.0]])
+    runs = Linearization([[0.0, 0.4, -0.2, 0.0, -1.0], [0.0, 1.0, 1.0, 1.0, 1.0]], [V, V])
+    seen = []
+    step = linearized(step_size=0.5, restoration_rate=0.1, slack_fraction=0.25)
+    result = step(runs, np.zeros(4), observe=lambda problems, answers: seen.append((problems, answers)))
+    [(problems, answers)] = seen
+    np.testing.assert_allclose(problems.bound, [[-0.2, 0.04, 0.0, -np.inf], [-0.5, -0.5, -0.5, -np.inf]])
+    assert not problems.equality.any()
+    np.testing.assert_array_equal(result.change, 0.5 * answers.value)
+    np.testing.assert_array_equal(result.active, answers.multipliers > 0)
+    assert result.counts["flat"].tolist() == [1, 1]
+
+
+@given(
+    seed=SEEDS,
+    m=st.integers(0, 4),
+    kappa=st.floats(0.0, 1.0),
+    rate=st.floats(0.0, 1.0),
+    radius=st.sampled_from([None, 0.3]),
+)
+def test_no_constraint_loses_more_than_its_part_and_violations_shrink_by_theirs(seed, m, kappa, rate, radius):
+    linearization = drawn(seed, m)
+    step = linearized(slack_fraction=kappa, restoration_rate=rate, radius=radius)
+    result, slack = step(linearization, np.zeros(m)), linearization.values[1:]
+    if not result.counts["infeasible"]:
+        left = np.where(slack < 0.0, 1.0 - rate, 1.0 - kappa) * slack
+        assert (result.predicted_slack >= left - 1e-9).all()
+        assert (result.residuals <= 1e-9).all()
+
+
+@given(
+    seed=SEEDS, branch=st.sampled_from(["satisfied", "violated", "recovery"]), metric=st.sampled_from([None, METRIC])
+)
+def test_with_one_constraint_it_is_constrained_policy_optimization(seed, branch, metric):
+    """κ = α₁ = αₑ = 1 and a radius, against the closed form, on both sides of what the ball reaches."""
+    rng = np.random.default_rng(seed)
+    g, row, radius = rng.standard_normal(3), rng.standard_normal((1, 3)), 10.0 ** rng.uniform(-2, 1)
+    reach = radius * np.sqrt(row[0] @ (row[0] if metric is None else np.linalg.solve(metric, row[0])))
+    part = {"satisfied": rng.uniform(0, 2), "violated": -rng.uniform(0, 0.99), "recovery": -rng.uniform(1.01, 3)}
+    slack = part[branch] * reach
+    result = full(radius=radius, metric=metric)(Linearization([0.0, slack], np.vstack([g, row])), [0.0])
+    cpo = CPO().solve(DirectionProblem(g, row, -slack, metric=metric, radius=radius))
+    assert (cpo.status == Status.INFEASIBLE) == (branch == "recovery") == bool(result.counts["infeasible"])
+    np.testing.assert_allclose(result.change, cpo.value, rtol=1e-9, atol=1e-9 * radius)
+    assert (result.active[0], bool(result.counts["skipped"])) == (bool(cpo.multipliers[0] > 0), False)
+
+
+def require_recovery(J, slack, kappa, g, d, radius=None):
+    """v = (b̂ − Ĵd)₊ is least: Ĵ_Vᵀv + Ĵ_Sᵀy_S = λd with y_S ≥ 0, λ ≥ 0 on active rows; d is the best of these."""
+    size = np.linalg.norm(J, axis=1)
+    rows, bound = J / size[:, None], np.where(slack < 0.0, -slack, -kappa * slack) / size
+    gives, lack = bound > 0.0, bound - rows @ d
+    unit = max(bound.max(), np.linalg.norm(d))
+    v = np.where(gives, np.maximum(lack, 0.0), 0.0)
+    assert (lack[~gives] <= 1e-9 * unit).all()
+    on_sphere = radius is not None and np.linalg.norm(d) >= radius * (1 - 1e-9)
+    ball = [-d[:, None] / np.linalg.norm(d)] if on_sphere else []
+    pushing = np.hstack([rows[~gives & (np.abs(lack) <= 1e-8 * unit)].T, *ball])
+    weights, rest = nnls(pushing, -rows.T @ v) if pushing.size else (np.zeros(1), np.linalg.norm(rows.T @ v))
+    assert rest <= 1e-7 * np.linalg.norm(v)
+    if on_sphere and weights[-1] > 1e-6 * np.linalg.norm(v):
+        return  # the only one
+    face = rows[np.abs(np.where(gives, v - lack, lack)) <= 1e-7 * unit].T
+    face = np.hstack([face, *ball])
+    target = d - g if radius is None else -g
+    assert (nnls(face, target)[1] if face.size else np.linalg.norm(target)) <= 1e-6 * np.linalg.norm(g)
+
+
+@pytest.mark.parametrize("kind", ["generic", "sum", "opposed"])
+@given(
+    seed=SEEDS, m=st.integers(2, 5), n=st.integers(1, 4), kappa=st.sampled_from([0.0, 0.3, 1.0]), in_ball=st.booleans()
+)
+def test_what_contradicts_itself_is_violated_least_while_the_others_are_met(kind, seed, m, n, kappa, in_ball):
+    radius = 10.0 ** np.random.default_rng(seed).uniform(-2, 1) if in_ball else None
+    linearization = drawn(seed, m, n, kind)
+    result, slack = full(slack_fraction=kappa, radius=radius)(linearization, np.zeros(m)), linearization.values[1:]
+    assert not result.counts["skipped"]
+    assert not result.counts["fallback"]
+    if result.counts["infeasible"]:
+        J, y = linearization.jacobian, result.multipliers
+        require_recovery(J, slack, kappa, linearization.objective_gradient, result.change, radius)
+        assert (y >= 0.0).all()
+        gained = np.where(slack < 0.0, -slack, -kappa * slack) @ y
+        force = np.linalg.norm(J.T @ y)
+        assert gained > (0.0 if radius is None else radius * force)
+        assert radius is not None or force <= 1e-7 * (np.linalg.norm(J, axis=1) @ y)
+        np.testing.assert_array_equal(result.active, y > 0.0)
+
+
+def test_the_others_are_met_before_anything_is_shared():
+    """d ≥ 1 against d ≤ 0.2: the violated row gives way, 0.8. Least violation of both would be d = 0.6."""
+    linearization = Linearization([0.0, -1.0, 0.2], [[5.0], [1.0], [-1.0]])
+    result = full()(linearization, [0.0, 0.0])
+    np.testing.assert_allclose(result.change, [0.2], rtol=1e-9)
+    assert result.counts["infeasible"] == 1
+    np.testing.assert_allclose(result.predicted_slack, [-0.8, 0.0], atol=1e-9)
+    assert result.active.tolist() == [True, True]
+    assert not result.stationary
+    np.testing.assert_allclose(full(radius=0.1)(linearization, [0.0, 0.0]).change, [0.1], rtol=1e-9)
+
+
+def test_what_violates_least_and_meets_the_others_stays_as_it_is():
+    problem = DirectionProblem([1.0, 0.0], [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]], [1.0, 1.0, -1.0])
+    assert recover(problem, SOLVERS["active-set"].solve(problem).value) is None
+
+
+def test_no_step_is_called_stationary_because_its_rows_contradict_each_other():
+    """d = 0 violates least, and Δ¹ = 0 beside it."""
+    opposed = Linearization([0.0, -1.0, -1.0], [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+    result = full()(opposed, [0.0, 0.0])
+    assert not result.change.any()
+    assert result.counts["infeasible"] == 1
+    assert not result.stationary
+
+
+def test_a_step_at_an_optimum_is_stationary():
+    optimum = Linearization([0.0, 0.0], [[-1.0, 0.0], [1.0, 0.0]])
+    result = linearized()(optimum, [0.0])
+    assert result.stationary
+    np.testing.assert_allclose(result.multipliers, [1.0])
+
+
+@pytest.mark.parametrize("radius", [None, 0.5])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_every_solver_that_takes_bounds_makes_the_same_step(name, radius):
+    solver = SOLVERS[name]
+    bounds = DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], bound=[-0.5])
+    if not is_usable(solver):
+        pytest.skip(f"{name} is not installed")
+    found = {kind: [drawn(seed, 3, kind=kind) for seed in range(4)] for kind in ("generic", "sum")}
+    for each in (each for several in found.values() for each in several):
+        step = full(solver=name, radius=radius, slack_fraction=0.5)
+        result, exact = (of(each, np.zeros(3)) for of in (step, full(radius=radius, slack_fraction=0.5)))
+        np.testing.assert_allclose(result.change, exact.change, atol=3 * solver.tolerance)
+        assert result.counts["infeasible"] == exact.counts["infeasible"]
+        assert bool(result.counts["fallback"]) <= (not supports(solver, bounds))
+
+
+@pytest.mark.parametrize("settings", [{}, {"radius": 0.3}, {"metric": METRIC}, {"metric": METRIC, "radius": 0.3}])
+def test_many_runs_at_once_are_the_same_runs_one_by_one(settings):
+    runs = [drawn(seed, 3, kind=kind) for seed in range(4) for kind in ("generic", "sum")]
+    together = Linearization([each.values for each in runs], [each.gradients for each in runs])
+    step = full(slack_fraction=0.5, **settings)
+    result = step(together, np.zeros(3))
+    assert result.counts["infeasible"].any()
+    for k, each in enumerate(runs):
+        alone = step(each, np.zeros(3))
+        for name in ("change", "multipliers", "residuals", "predicted_slack", "active", "stationary"):
+            np.testing.assert_array_equal(getattr(result, name)[k], getattr(alone, name))
+
+
+@pytest.mark.parametrize("radius", [None, 0.3])
+def test_a_metric_changes_the_coordinates_and_nothing_else(radius):
+    root = np.linalg.cholesky(METRIC)
+    for seed in range(8):
+        given, settings = drawn(seed, 3, kind="sum"), {"slack_fraction": 0.5, "radius": radius}
+        euclidean = Linearization(given.values, np.linalg.solve(root, given.gradients.T).T)
+        there = full(**settings)(euclidean, np.zeros(3)).change
+        here = full(metric=METRIC, **settings)(given, np.zeros(3)).change
+        np.testing.assert_allclose(root.T @ here, there, atol=1e-9)
+
+
+@pytest.mark.parametrize("radius", [None, 3.0])
+def test_long_gradients_step_as_short_ones(monkeypatch, radius):
+    for seed in range(6):
+        given, results = drawn(seed, 3, 120, "sum"), []
+        for products in (0, 10**18):
+            monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", products)
+            results.append(full(radius=radius, slack_fraction=0.5)(given, np.zeros(3)))
+        inside, outside = results
+        unit = np.abs(outside.change).max()
+        np.testing.assert_allclose(inside.change, outside.change, atol=1e-9 * unit)
+        np.testing.assert_allclose(inside.predicted_slack, outside.predicted_slack, atol=1e-9 * 12 * unit)
+        assert (inside.active == outside.active).all()
+
+
+@pytest.mark.parametrize("scale", [1e-160, 1e160])
+def test_extreme_rows_keep_their_part(scale):
+    """A row beyond 2^±400 and its slack in units of its own."""
+    linearization = Linearization([0.0, 0.5 * scale, -0.2], [[-1.0, 1.0], [scale, 0.0], [0.0, 1.0]])
+    result = full(slack_fraction=0.5)(linearization, [0.0, 0.0])
+    np.testing.assert_allclose(result.change, [-0.25, 1.0], rtol=1e-12)
+
+
+def test_the_limit_shortens_what_is_asked_of_violated_rows_alone():
+    linearization = Linearization([0.0, -1.0, 0.3], [[0.0, -9.0], [1.0, 0.0], [0.0, 1.0]])
+    result = full(max_restoration=0.1)(linearization, [0.0, 0.0])
+    np.testing.assert_allclose(result.change, [0.1, -0.3])
+    assert result.counts["capped"] == 1
+    np.testing.assert_allclose(full()(linearization, [0.0, 0.0]).change, [1.0, -0.3])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"ridge": 0.1}, "ridge should be 0 with formulation 'linearized'"),
+        ({"rule": "hysteresis"}, "rule should be the default with formulation 'linearized'"),
+        ({"rule": hysteresis}, "rule should be the default"),
+        ({"step_size": 0.0}, "step_size should be > 0 with formulation 'linearized'"),
+        ({"slack_fraction": 1.5}, r"slack_fraction should be a number in \[0, 1\]; found 1.5"),
+        ({"slack_fraction": -0.1}, "slack_fraction should be a number ≥ 0"),
+        ({"slack_fraction": np.nan}, "slack_fraction should be a number ≥ 0"),
+    ],
+)
+def test_settings_that_it_does_not_take_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        linearized(**settings)

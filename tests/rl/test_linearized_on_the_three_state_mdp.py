@@ -1,0 +1,51 @@
+"""`linearized` where rows and slacks sum to 0: whether its constraints can be met is decided by κ against αₑ alone."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep, Linearization
+from envs import ThreeStateMDP
+from rl import SoftmaxTable
+
+THRESHOLDS = np.zeros(3)
+RATE = 0.3
+
+
+def linearization(seed):
+    """Exact values and gradients of a random policy, from nearly uniform ones to nearly deterministic ones."""
+    rng, mdp = np.random.default_rng(seed), ThreeStateMDP()
+    policy = SoftmaxTable(3, 3, rng.standard_normal(9) * 10.0 ** rng.uniform(-2, 0.5)).probabilities()
+    return Linearization(mdp.average_rewards(policy), mdp.policy_gradients(policy).reshape(4, 9))
+
+
+def results(kappa, radius=None):
+    step = ConstrainedStep(
+        formulation="linearized", slack_fraction=kappa, restoration_rate=RATE, step_size=0.5, radius=radius
+    )
+    for seed in range(60):
+        each = linearization(seed)
+        assert abs(each.values[1:].sum()) <= 1e-15
+        assert (each.values[1:] < 0).any()
+        yield each, step(each, THRESHOLDS)
+
+
+@pytest.mark.parametrize("kappa", [RATE, 0.31, 0.6, 1.0])
+def test_with_as_much_to_lose_as_to_win_it_is_never_infeasible(kappa):
+    """With κ = αₑ the constraints have no interior: they are met with equality, and rounding is no violation."""
+    for each, result in results(kappa):
+        assert result.counts["infeasible"] == 0
+        assert result.counts["fallback"] == 0
+        slack = each.values[1:]
+        left = np.where(slack < 0.0, 1.0 - RATE, 1.0 - kappa) * slack
+        assert (result.predicted_slack >= left - 1e-12).all()
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.15, 0.29])
+def test_with_less_to_lose_it_is_always_infeasible_with_a_proof(kappa):
+    for each, result in results(kappa):
+        assert result.counts["infeasible"] == 1
+        slack, y = each.values[1:], result.multipliers
+        assert (y > 0.0).all()
+        assert np.linalg.norm(each.jacobian.T @ y) <= 1e-9 * (np.linalg.norm(each.jacobian, axis=1) @ y)
+        assert np.where(slack < 0.0, -RATE, -kappa) @ (slack * y) > 0.0
+        assert (result.predicted_slack >= (1.0 - kappa) * slack - 1e-9)[slack >= 0.0].all()  # the others are met
