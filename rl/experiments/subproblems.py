@@ -24,11 +24,19 @@ def joined_recordings(recordings: Iterable[Recording | None]) -> Recording | Non
 
 
 def write_subproblems(recordings: Iterable[Recording | None], directory: Path) -> list[str]:
-    """The file, if there is a recording; and a sentence on what it holds."""
-    recording = joined_recordings(recordings)
+    """The file, if there is a recording; and sentences on what it holds, and what it does not.
+
+    A file has problems of one shape, the first training's: with a ridge they have m parameters more.
+    """
+    parts = [part for part in recordings if part is not None]
+    shape = next((part.jacobian.shape[1:] for part in parts if len(part)), None)
+    fitting = [part for part in parts if not len(part) or part.jacobian.shape[1:] == shape]
+    recording = joined_recordings(fitting)
     if recording is None:
         return []
     recording.save(directory / FILE)
+    others = [name for part in parts if part not in fitting for name in part.trainings]
+    left_out = [f"{FILE} leaves out {'; '.join(others)}: problems of another shape."] if others else []
     each = " (of each training)" if len(recording.trainings) > 1 else ""
     held = f"{len(recording)} direction problems in {len(recording.sequences)} sequences"
-    return [f"{FILE} holds {held}: {recording.selection}{each}."]
+    return [f"{FILE} holds {held}: {recording.selection}{each}.", *left_out]

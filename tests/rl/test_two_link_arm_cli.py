@@ -35,6 +35,7 @@ def test_a_small_reproduction_prints_claims_comparison_speed_and_where_it_wrote(
         "M steps/s",
         "our additions",
         "subproblems.npz holds",
+        "subproblems.npz leaves out b, linearized; c, linearized: problems of another shape.",  # no ridge
         str(out),
     ):
         assert text in result.stdout.replace("\n", ""), text
