@@ -2,7 +2,7 @@
 
     r = κMd − g − Jᵀμ,     Jᵢd − bᵢ,     ‖g‖,     √(dᵀMd)        κ = 1 without a radius
 
-A metric M = LLᵀ is a change of coordinates, Lᵀd, L⁻¹g and JL⁻ᵀ, in units where all numbers are about 1 (see `units`).
+A metric M = LLᵀ is a change of coordinates, Lᵀd, L⁻¹g and JL⁻ᵀ, in units where all numbers are about 1 (see `flat`).
 What float64 does not tell is formed as if in twice the precision. Two things ask for it. In a full metric up to cond(M)
 of the parts cancel: M itself is used, and L only to measure what is left, so that rounding of L hides no error. With
 multipliers μ̂ᵢ = 1e10 float64 leaves 1e-6 in r, where an error of d could hide.
@@ -17,10 +17,9 @@ import numpy as np
 
 from .arrays import Float, Jacobian, Multipliers, Vector
 from .compensated import Pair, products
-from .metric import Metric
+from .flat import Flat, flatten
 from .problem import DirectionProblem
 from .scaling import UnitRows, norm, unit_rows
-from .units import in_units
 from .vectors import Certificate
 
 # Lengths of vectors whose squares, and sums of these, neither over- nor underflow: 1e±154 would, for one number.
@@ -57,11 +56,11 @@ def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa
         return
     if metric is None:
         yield _look(problem, d, mu, kappa)
-    units = in_units(problem, d)
-    problem, d, mu, kappa = units.problem, *units.inside(d, mu, kappa)
+    flat = flatten(problem)
+    mu, kappa = flat.in_units(d, mu, kappa)[1:]
     if metric is not None and metric.ndim == 1:
-        yield _look(problem, d, mu, kappa)
-    yield _look(problem, d, mu, kappa, closely=True)
+        yield _look(flat.problem, flat.inside(d), mu, kappa)
+    yield _look_closely(flat, d, mu, kappa)
 
 
 def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers) -> Iterator[Evidence]:
@@ -82,22 +81,28 @@ def read_certificate(
     return Evidence(problem, mu, 1.0, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 
 
-def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, *, closely: bool = False) -> Evidence:
-    """In float64; or closely, the problem being in its units, as if in twice the precision, a full metric by itself."""
-    g, J, x, L, M = problem.gradient, problem.jacobian, d, problem.whitening, problem.metric
+def _look(flat: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+    """In float64, where M = I."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        if L is not None:
-            g, J, x = L.gradient(g), L.rows(J), L.direction(d)
-        rows = unit_rows(J)
-        bound = rows.per_length(problem.bound)
-        strength, length, slack = norm(g), norm(x), rows.jacobian @ x - bound
-        if not closely:
-            return Evidence(problem, mu, kappa, norm(kappa * x - g - mu @ J), strength, length, rows, bound, slack)
-        if L is not None and M is not None and M.ndim == 2:
-            rest, length, slack = _find_terms(problem, M, d, mu, kappa)
+        g, J, rows = flat.gradient, flat.jacobian, unit_rows(flat.jacobian)
+        bound = rows.per_length(flat.bound)
+        slack = rows.jacobian @ d - bound
+        return Evidence(flat, mu, kappa, norm(kappa * d - g - mu @ J), norm(g), norm(d), rows, bound, slack)
+
+
+def _look_closely(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+    """As if in twice the precision; in a full metric by M itself. d: as given, μ and κ in units."""
+    problem, x = flat.problem, flat.inside(d)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        rows = unit_rows(problem.jacobian)
+        bound, L = rows.per_length(problem.bound), flat.units.whitening
+        if L is not None and L.factor.ndim == 2:
+            rest, length, slack = _find_terms(flat.units, flat.in_units(d, mu, kappa)[0], mu, kappa)
             rest, slack = L.gradient(rest), rows.per_length(slack)
         else:
-            rest = _find_rest(g, J, Pair(x, np.zeros_like(x)), mu, kappa)
+            rest = _find_rest(problem.gradient, problem.jacobian, Pair(x, np.zeros_like(x)), mu, kappa)
+            length, slack = norm(x), rows.jacobian @ x - bound
+        strength = norm(problem.gradient)
         return Evidence(problem, mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
 
 
@@ -113,10 +118,10 @@ def _find_rest(g: Vector, J: Jacobian, Md: Pair, mu: Multipliers, kappa: float) 
 
 
 def _find_terms(
-    problem: DirectionProblem, M: Metric, d: Vector, mu: Multipliers, kappa: float
+    problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float
 ) -> tuple[Vector, float, Multipliers]:
-    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is switched off; M: (n, n), the problem's."""
-    n, is_off = problem.n, problem.bound == -np.inf
+    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is switched off; M: (n, n)."""
+    n, is_off, M = problem.n, problem.bound == -np.inf, np.asarray(problem.metric)
     reached = products(np.vstack([M, problem.jacobian]), d)
     Md, Jd = (Pair(reached.hi[part], reached.lo[part]) for part in (slice(n), slice(n, None)))
     square = float(products(np.array(Md), d).rounded().sum())

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Multipliers, Vector
-from .problem import DirectionProblem, euclidean
+from .flat import flatten
+from .problem import DirectionProblem
 from .scaling import norm, unit_rows
-from .units import in_units
 from .validation import real_values, require_shape
 
 # Worst `farkas_residual` and `least_violation_residual` of our own proofs. A violation of 1e-9, the least that counts,
@@ -127,9 +127,9 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     y = real_values("y", y)
     require_shape("y", y, (problem.m,))
     if problem.metric is not None and np.isfinite(y).all() and y.any():
-        units = in_units(problem)
-        problem, y = units.problem, units.proof(y)
-    proof = _read(euclidean(problem), y)
+        flat = flatten(problem)
+        problem, y = flat.problem, flat.proof(y)
+    proof = _read(problem, y)
     residual = proof.residual
     if problem.radius is None or not 0.0 < proof.size < math.inf:
         return residual
@@ -143,14 +143,12 @@ def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> boo
 
     No direction shorter than b̂ᵀŷ/‖Ĵᵀŷ‖ meets them. In a ball g is no length.
     """
-    flat = euclidean(problem)
-    with np.errstate(over="ignore", invalid="ignore"):
-        size = norm(d if problem.whitening is None else problem.whitening.direction(d))
-    proof = _read(flat, y)
+    flat, size, radius = _flatten(problem, d)
+    if problem.metric is not None and np.isfinite(y).all() and y.any():
+        y = flatten(problem).proof(y)
+    proof, length = _read(flat, y), norm(size)
     reach = proof.size / proof.residual if proof.residual > 0.0 else math.inf
-    if problem.radius is None:
-        return reach >= _FAR * max(size, norm(flat.gradient))
-    return reach >= min(problem.radius, _FAR * size)
+    return reach >= (_FAR * max(length, norm(flat.gradient)) if radius is None else min(radius, _FAR * length))
 
 
 class _Proof(NamedTuple):
@@ -200,10 +198,8 @@ def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Ve
     """The problem, d and the radius where M = I; in a metric in units where numbers are about 1."""
     if problem.metric is None:
         return problem, d, problem.radius
-    units = in_units(problem, d)
-    d, _, _ = units.inside(d, np.zeros(problem.m), 0.0)
-    whitened = d if units.problem.whitening is None else units.problem.whitening.direction(d)
-    return euclidean(units.problem), whitened, units.problem.radius
+    flat = flatten(problem)
+    return flat.problem, flat.inside(d), flat.problem.radius
 
 
 def largest(values: np.ndarray) -> float:

@@ -13,6 +13,8 @@ from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .base import Solver
 from .exact_core import project, project_batch
+from .small_problem import SmallAnswer, SmallProblem
+from .trust_region import solve_small_exactly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,3 +38,7 @@ class ActiveSet(Solver):
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """B problems in one compiled call, each exactly as `solve_rows` answers it."""
         return project_batch(problems, self.tolerance)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The exact core, as the ball's search asks it."""
+        return solve_small_exactly(small)

@@ -6,7 +6,7 @@ from typing import ClassVar
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from ..settings import CheckedSettings
-from .geometry import solve_batch_transformed, solve_transformed
+from .geometry import solve_batch_in_geometry, solve_in_geometry
 from .interface import no_answers, unsupported
 from .pipeline import solve_by
 from .small_problem import SmallAnswer, SmallProblem
@@ -43,9 +43,9 @@ class Solver(CheckedSettings):
         stacked = ProblemBatch.stack(problems)
         if len(stacked) == 0:
             return no_answers(stacked)
-        if stacked.metric is not None or stacked.radius is not None:
-            return solve_batch_transformed(self.solve_rows, self.solve_rows_batch, stacked, self.tolerance)
-        if stacked[0].is_long:
+        if stacked.metric is not None and stacked.radius is None:
+            return solve_batch_in_geometry(stacked, self.solve, self.solve_rows_batch, self.tolerance)
+        if stacked.radius is not None or stacked[0].is_long:
             return DirectionBatch.stack([self.solve(problem) for problem in stacked])
         return self.solve_rows_batch(stacked)
 
@@ -59,17 +59,19 @@ class Solver(CheckedSettings):
 
     def solve_in_geometry(self, problem: DirectionProblem) -> Direction:
         """The direction of a problem with a metric, a radius or both."""
-        return solve_transformed(self.solve_rows, problem, self.tolerance)
+        if not self.supports(problem):
+            return unsupported(problem)
+        return solve_in_geometry(problem, self.solve, self.solve_small, self.tolerance)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The core: x and μ of the small problem, as far as the method gets."""
+        raise NotImplementedError
 
 
 class SmallSolver(Solver):
     """Base of a solver with a core, `solve_small`; the pipeline around it scales, reduces, polishes and certifies."""
 
     polish: bool = True
-
-    def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The core: x and μ of the small problem, as far as the method gets."""
-        raise NotImplementedError
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
         """The direction that the core finds; UNSUPPORTED where it takes no such constraints."""

@@ -14,6 +14,8 @@ from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .base import Solver
 from .exact_core import project, project_batch
+from .small_problem import SmallAnswer, SmallProblem
+from .trust_region import solve_small_exactly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,3 +42,7 @@ class Rosen(Solver):
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """B problems in one compiled call, each exactly as alone."""
         return project_batch(problems, self.tolerance, tangent=True)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The exact core, as the ball's search asks it."""
+        return solve_small_exactly(small, tangent=True)

@@ -1,8 +1,6 @@
 """The problem as CVXPY states it, solved by CLARABEL: an independent modelling path, slow.
 
 minimize ½‖x‖² − cᵀx   subject to   A_I x ≥ b_I,   A_E x = b_E        with A, b, c parameters (DPP)
-
-and with a metric or a radius the second-order cone program of `second_order_cone`.
 """
 
 from dataclasses import dataclass
@@ -10,14 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..certify import misses_a_bound
-from ..direction import Direction, Status
-from ..problem import DirectionProblem
+from ..direction import Status
 from .base import Session, SolverWithSessions
 from .cvxpy_call import solve_statement
-from .geometry import judge_in_geometry, polish_in_geometry, solve_transformed
 from .packages import require_import, require_package
-from .second_order_cone import state_and_solve
 from .small_problem import SmallAnswer, SmallProblem
 
 
@@ -62,18 +56,6 @@ class CVXPYSession(Session):
     def compiled_shapes(self) -> int:
         """How many small shapes were compiled so far."""
         return len(self._compiled)
-
-    def solve_in_geometry(self, problem: DirectionProblem) -> Direction:
-        """A second-order cone program; what it calls infeasible is proven as for the other solvers."""
-        modelled = state_and_solve(problem, self._options)
-        if modelled.status == Status.INFEASIBLE:
-            return solve_transformed(self.solve_rows, problem, self.tolerance)
-        if self.polish:
-            modelled = polish_in_geometry(problem, modelled)
-        judged = judge_in_geometry(problem, modelled, self.tolerance)
-        if judged.status == Status.UNCERTIFIED and misses_a_bound(problem, judged.value):  # beside a long g
-            return solve_transformed(self.solve_rows, problem, self.tolerance)
-        return judged
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """CLARABEL's x and μ."""

@@ -9,6 +9,8 @@ from .asking import ask
 from .base import Solver
 from .facts import supports, tolerance_of
 from .interface import DirectionSolver, solve_stacked, unsupported
+from .small_problem import SmallAnswer, SmallProblem
+from .trust_region import as_problem, as_small
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class WithGeometry(Solver):
         return supports(self.solver, without_geometry(problem))
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """The direction of the transformed problem, judged on the problem itself; see `Status`."""
+        """The direction of the problem where M = I, judged on the problem itself; see `Status`."""
         if not self.supports(problem):
             return unsupported(problem)
         if problem.metric is None and problem.radius is None:
@@ -56,3 +58,7 @@ class WithGeometry(Solver):
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """The solver's own answers."""
         return solve_stacked(self.solver, problems)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The solver's own answer to a small problem, as the ball's search asks."""
+        return as_small(ask(self.solver, as_problem(small)))

@@ -1,0 +1,291 @@
+"""The ball around any core: a one-dimensional search over projections, in the few coordinates of g and the rows.
+
+    max gᵀx  s.t.  x ∈ C = {Ax ≥ b, = on E},  ‖x‖ ≤ 1                   with  ‖g‖ = ‖Aᵢ‖ = 1
+
+x(t) = P_C(tg), the projection that a core finds, has a length that grows with t, so x(t) with ‖x(t)‖ = 1 is the
+answer, and κ = 1/t, μ = μ(t)/t. Where x(t) stops inside the ball it is the shortest of the directions that climb most,
+and κ = 0. The path is piecewise straight: on the face Aᵢx = bᵢ (i ∈ 𝒜), with q its shortest point and p the part of g
+along it, p ⟂ q,
+
+    x = q + sp,   s = √(1 − ‖q‖²)/‖p‖,   κ = 1/s,   A_𝒜ᵀμ = κx − g         (p ≠ 0)
+    x = q,                               κ = 0,     A_𝒜ᵀμ = −g             (p = 0)
+
+so the search ends with the face and not with a tolerance. Whether C is empty, or beyond the ball, is asked where an
+answer does not come out exact, or misses a bound, and the radius has no say in the first.
+Source: Rockafellar, Convex Analysis, §28 (κ); Best 1996, the path of parametric programs.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Bool, Float, Multipliers, Vector
+from ..certify import misses_a_bound
+from ..direction import Direction, Status
+from ..problem import DirectionProblem
+from ..projection import RANK_TOLERANCE
+from ..scaling import UnitRows, lengths, norm, unit_rows
+from .ball_violation import least_violation_in_ball
+from .exact_core import project
+from .factorization import pivoted_qr, solve_upper
+from .infeasibility import VIOLATION_TOLERANCE, least_violation
+from .polishing import nonnegative_weights, off_span
+from .small_problem import NEGLIGIBLE_BOUND, Core, SmallAnswer, SmallProblem, reduce_problem
+
+_EPS = float(np.finfo(np.float64).eps)
+# An error that ends the search.
+_EXACT = 1e-12
+# ‖p‖ below this is what rounding leaves of 0.
+_NEGLIGIBLE = 1e-13
+# Rows this near to their bound may hold the shortest of several best points.
+_NEARLY_TIGHT = 1e-9
+_ROUNDING = 1e-12
+# Demands in units of the radius beyond this are as far out of reach as it is; their squares would overflow.
+_LARGEST_RATIO = 1e150
+_MOST_STEPS = 80
+_LARGEST_STEP = 1e15
+_FARTHER = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class BallAnswer:
+    """x (k,), μ (p,), κ of the module's head, and the worst residual of them; for INFEASIBLE μ is a proof y."""
+
+    point: Vector
+    multipliers: Multipliers
+    kappa: float
+    error: float = np.inf
+    status: Status = Status.OPTIMAL
+    iterations: int = 0
+
+
+def solve_in_ball(core: Core, problem: DirectionProblem) -> Direction:
+    """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge. M = I."""
+    ball = _Ball.of(problem)
+    reduced, basis = reduce_problem(ball.small)
+    found = _search(core, reduced)
+    lifted = replace(found, point=basis @ found.point)
+    if found.status != Status.INFEASIBLE:  # unit rows are rounded in coordinates: once more on the rows
+        face = ball.small.equality | (found.multipliers > np.maximum(_slack(ball.small, lifted.point), 0.0))
+        lifted = replace(lifted, error=_error(ball.small, lifted.point, lifted.multipliers, lifted.kappa))
+        lifted = min(lifted, *_on_face(ball.small, face), key=lambda each: each.error)
+        lifted = replace(lifted, status=found.status, iterations=found.iterations)
+    return ball.outside(lifted)
+
+
+def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:
+    """The exact core as any other."""
+    return as_small(project(as_problem(small), _EXACT, tangent=tangent))
+
+
+def as_small(answer: Direction) -> SmallAnswer:
+    """What a solver says of a small problem, as a core says it."""
+    if answer.status == Status.OPTIMAL:
+        return SmallAnswer(answer.value, answer.multipliers, answer.iterations)
+    if answer.status in (Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.UNSUPPORTED):
+        return SmallAnswer(None, None, answer.iterations, answer.status)
+    return SmallAnswer(answer.value, answer.multipliers, answer.iterations, answer.status)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ball:
+    """A problem in units of its radius and of ‖g‖, on its rows that are on and not 0; impossible: zero rows that ask."""
+
+    problem: DirectionProblem
+    small: SmallProblem
+    rows: UnitRows
+    kept: Bool[np.ndarray, "m"]
+    strength: float
+
+    @classmethod
+    def of(cls, problem: DirectionProblem) -> "_Ball":
+        rows, strength = unit_rows(problem.jacobian), float(lengths(problem.gradient))
+        with np.errstate(over="ignore", under="ignore"):
+            bound = np.clip(rows.per_length(problem.bound) / float(problem.radius or 0.0), -np.inf, _LARGEST_RATIO)
+        bound = np.where(problem.equality, np.maximum(bound, -_LARGEST_RATIO), bound)
+        kept = (rows.largest > 0.0) & (problem.equality | (bound > NEGLIGIBLE_BOUND))  # in the ball Âx ≥ −1
+        center = problem.gradient / (strength or 1.0)
+        small = SmallProblem(center, rows.jacobian[kept], bound[kept], problem.equality[kept])
+        return cls(problem, small, rows, kept, strength)
+
+    def outside(self, found: BallAnswer) -> Direction:
+        """In the problem's units."""
+        problem, radius = self.problem, float(self.problem.radius or 0.0)
+        impossible = (self.rows.largest == 0.0) & np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
+        multipliers = np.zeros(problem.m)
+        multipliers[self.kept] = found.multipliers
+        strength = 1.0 if found.status == Status.INFEASIBLE else self.strength  # a proof has no unit
+        with np.errstate(over="ignore", under="ignore"):
+            point, kappa = found.point * radius, found.kappa * (strength / radius)
+            multipliers = np.where(self.kept, strength * self.rows.per_length(multipliers), 0.0)
+        if impossible.any():
+            proof = np.where(impossible, np.sign(problem.bound), 0.0)
+            return Direction(point, proof, Status.INFEASIBLE, found.iterations, rung="rows")
+        return Direction(point, multipliers, found.status, found.iterations, kappa, rung="rows")
+
+
+def _search(core: Core, small: SmallProblem) -> BallAnswer:
+    """OPTIMAL, INFEASIBLE, or what the core says of its failure."""
+    asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
+    if not small.center.any():
+        found = _shortest(small)
+    else:
+        found = _climb(core, small)
+    if asks and (found.error > _EXACT or misses_a_bound(as_problem(small), found.point)):
+        missed = _find_miss(core, small)
+        if missed is not None:
+            return missed
+    return found
+
+
+def _climb(core: Core, small: SmallProblem) -> BallAnswer:
+    """The search over t."""
+    best = BallAnswer(0.0 * small.center, np.zeros(len(small.bound)), 0.0, status=Status.NUMERICAL_ERROR)
+    low, high, t, changes = 0.0, np.inf, 1.0, 0
+    for step in range(_MOST_STEPS):
+        answer = core(replace(small, center=t * small.center))
+        changes += answer.iterations
+        if not answer.is_usable:
+            if best.status != Status.OPTIMAL:
+                best = replace(best, status=answer.failure or Status.NUMERICAL_ERROR)
+            break
+        suggested = np.nan
+        for candidate in _candidates(small, answer, t):
+            suggested = 1.0 / candidate.kappa if candidate.kappa > 0.0 else suggested
+            best = _better(best, candidate)
+        if best.error <= _EXACT:
+            break
+        low, high = (low, t) if norm(answer.point) > 1.0 else (t, high)
+        t = _next_step(low, high, suggested if step % 3 < 2 else np.nan)
+        if t > _LARGEST_STEP or high - low <= 1e-15 * low:
+            break
+    return replace(best, iterations=changes)
+
+
+def _candidates(small: SmallProblem, answer: SmallAnswer, t: float) -> Iterator[BallAnswer]:
+    """x(t) itself, and what its face says."""
+    x, mu = np.asarray(answer.point), np.asarray(answer.multipliers)
+    yield BallAnswer(x, mu / t, 1.0 / t, _error(small, x, mu / t, 1.0 / t))
+    yield from _on_face(small, small.equality | (mu > np.maximum(_slack(small, x), 0.0)))
+
+
+def _better(best: BallAnswer, candidate: BallAnswer) -> BallAnswer:
+    """Of two the more exact; of two that are exact, the shorter."""
+    if max(best.error, candidate.error) <= _EXACT:
+        return candidate if norm(candidate.point) < norm(best.point) else best
+    return candidate if candidate.error < best.error else best
+
+
+def _next_step(low: float, high: float, suggested: float) -> float:
+    """The suggestion where it lies inside the bracket, else its middle."""
+    if low < suggested < high:
+        return suggested
+    if high == np.inf:
+        return _FARTHER * max(low, 1.0)
+    if low < high / _FARTHER:
+        return float(np.sqrt(low * high)) if low > 0.0 else high / _FARTHER
+    return 0.5 * (low + high)
+
+
+def _on_face(small: SmallProblem, face: Bool[np.ndarray, "p"]) -> Iterator[BallAnswer]:
+    """x on the sphere, and x = q where q is the end of the path; see the module's head."""
+    basis = Q, R, order = _basis(small.rows[face])
+    q = Q @ solve_upper(R[:, : len(R)], small.bound[face][order[: len(R)]], transposed=True)
+    p = off_span(Q, small.center)
+    length, room = norm(p), 1.0 - norm(q)
+    if length > _NEGLIGIBLE and room > 0.0:
+        kappa = length / float(np.sqrt(room * (2.0 - room)))
+        x, mu = q + p / kappa, _weights(small, face, basis, kappa * q - small.center)
+        yield BallAnswer(x, mu, kappa, _error(small, x, mu, kappa))
+    if length <= np.sqrt(_NEGLIGIBLE) and room >= 0.0:
+        tight = face | (np.abs(_slack(small, q)) <= _NEARLY_TIGHT)
+        mu = _weights(small, tight, _basis(small.rows[tight]), -small.center)
+        yield BallAnswer(q, mu, 0.0, _error(small, q, mu, 0.0))
+
+
+def _weights(
+    small: SmallProblem, face: Bool[np.ndarray, "p"], basis: tuple[np.ndarray, np.ndarray, np.ndarray], force: Vector
+) -> Multipliers:
+    """μ with A_𝒜ᵀμ = the force's part in the span of the face's rows, ≥ 0 on I if that is possible."""
+    rows, inequality, (Q, R, order) = small.rows[face], ~small.equality[face], basis
+    rank, target = len(R), Q.T @ force
+    weights, chosen = np.zeros(len(rows)), order[:rank]
+    weights[chosen] = solve_upper(R[:, :rank], target)
+    # One step of refinement: nearly opposing rows have multipliers of 1e9.
+    weights[chosen] += solve_upper(R[:, :rank], Q.T @ (Q @ target - weights @ rows))
+    if rank < len(rows) and (weights[inequality] < 0.0).any():
+        weights = nonnegative_weights(Q.T @ rows.T, target, ~inequality)
+    multipliers = np.zeros(len(face))
+    multipliers[face] = weights
+    return multipliers
+
+
+def _basis(rows: Float[np.ndarray, "p n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if len(rows) == 0:
+        return np.zeros((rows.shape[1], 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.intp)
+    return pivoted_qr(rows.T, RANK_TOLERANCE)
+
+
+def _error(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> float:
+    """The worst residual, as the referee has it in these units."""
+    named = np.abs(small.bound[small.bound != 0.0])
+    size = norm(x)
+    unit = max(size, float(named.min(initial=1.0)))
+    pull, room, slack = kappa * unit, (1.0 - size) / unit, _slack(small, x) / unit
+    allowed = min(8 * _EPS * (float(np.abs(mu).sum()) + abs(pull)), 1e-5)
+    stationarity = norm(kappa * x - small.center - mu @ small.rows) - allowed
+    rows = np.where(small.equality, np.abs(slack), np.abs(np.minimum(mu, slack)))  # of −slack and −μ too
+    worst = max(stationarity, float(rows.max(initial=0.0)), abs(min(pull, room)))
+    return worst if worst == worst else np.inf
+
+
+def _slack(small: SmallProblem, x: Vector) -> Multipliers:
+    return np.asarray(small.rows @ x - small.bound)
+
+
+def as_problem(small: SmallProblem) -> DirectionProblem:
+    arrays = (np.ascontiguousarray(each) for each in (small.center, small.rows, small.bound, small.equality))
+    return DirectionProblem.trusted(*arrays)
+
+
+def _shortest(small: SmallProblem) -> BallAnswer:
+    """The shortest point of C, κ = μ = 0: the answer where nothing is to be climbed."""
+    found = project(as_problem(replace(small, center=0.0 * small.center)), _EXACT)
+    is_inside = found.status == Status.OPTIMAL and norm(found.value) <= 1.0 + _ROUNDING
+    status = Status.UNCERTIFIED if found.status == Status.INFEASIBLE else found.status
+    error = 0.0 if is_inside else np.inf
+    return BallAnswer(found.value, np.zeros(len(small.bound)), 0.0, error, status, found.iterations)
+
+
+def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
+    """INFEASIBLE where C is empty or the ball misses it: the least violation, and of those the best climb.
+
+    None where the ball and C are nearer than VIOLATION_TOLERANCE.
+    """
+    flat = as_problem(replace(small, center=0.0 * small.center))
+    empty = least_violation(flat)
+    if empty is not None and norm(empty.direction) <= 1.0:
+        within = _climb(core, _relaxed(small, empty.direction)) if small.center.any() else None
+        point = empty.direction if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
+        return BallAnswer(point, empty.proof, 0.0, status=Status.INFEASIBLE)
+    if empty is None and norm(project(flat, _EXACT).value) <= 1.0:
+        return None
+    size = max(1.0, float(np.where(small.equality, np.abs(small.bound), small.bound).max(initial=0.0)))
+    point, violation = least_violation_in_ball(small.rows, small.bound, small.equality)
+    length = norm(violation)
+    if empty is None and length <= VIOLATION_TOLERANCE * size:
+        return None
+    proof = violation / length if empty is None else empty.proof
+    return BallAnswer(point, proof, 0.0, status=Status.INFEASIBLE)
+
+
+def _relaxed(small: SmallProblem, point: Vector) -> SmallProblem:
+    """C of the points that violate the rows as this one does: by just as much where it does."""
+    reached = small.rows @ point
+    size = max(1.0, float(np.where(small.equality, np.abs(small.bound), small.bound).max(initial=0.0)))
+    equality = small.equality | (small.bound - reached > _ROUNDING * size)
+    bound = np.where(equality, reached, np.minimum(small.bound, reached))
+    # Where nothing but rounding is left of the bounds, rounding would be what the problem asks for.
+    size = max(1.0, float(np.abs(small.bound[equality]).max(initial=0.0)))
+    return replace(small, bound=np.where(np.abs(bound) <= _ROUNDING * size, 0.0, bound), equality=equality)
