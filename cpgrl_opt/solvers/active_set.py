@@ -12,7 +12,7 @@ from typing import ClassVar
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .base import Solver
-from .exact_core import project, project_batch
+from .exact_core import climb, project, project_batch
 from .small_problem import SmallAnswer, SmallProblem
 from .trust_region import solve_small_exactly
 
@@ -42,3 +42,7 @@ class ActiveSet(Solver):
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The exact core, as the ball's search asks it."""
         return solve_small_exactly(small)
+
+    def climb(self, problems: ProblemBatch) -> DirectionBatch:
+        """The usual ones in one compiled call."""
+        return climb(problems, self.tolerance)

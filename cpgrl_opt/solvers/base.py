@@ -43,9 +43,9 @@ class Solver(CheckedSettings):
         stacked = ProblemBatch.stack(problems)
         if len(stacked) == 0:
             return no_answers(stacked)
-        if stacked.metric is not None and stacked.radius is None:
-            return solve_batch_in_geometry(stacked, self.solve, self.solve_rows_batch, self.tolerance)
-        if stacked.radius is not None or stacked[0].is_long:
+        if (stacked.metric is not None or stacked.radius is not None) and not stacked[0].is_long:
+            return solve_batch_in_geometry(self, stacked)
+        if stacked[0].is_long:
             return DirectionBatch.stack([self.solve(problem) for problem in stacked])
         return self.solve_rows_batch(stacked)
 
@@ -61,11 +61,15 @@ class Solver(CheckedSettings):
         """The direction of a problem with a metric, a radius or both."""
         if not self.supports(problem):
             return unsupported(problem)
-        return solve_in_geometry(problem, self.solve, self.solve_small, self.tolerance)
+        return solve_in_geometry(self, problem)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The core: x and μ of the small problem, as far as the method gets."""
         raise NotImplementedError
+
+    def climb(self, problems: ProblemBatch) -> DirectionBatch | None:  # noqa: ARG002
+        """Problems in balls, M = I, by a compiled pass; None where there is none."""
+        return None
 
 
 class SmallSolver(Solver):

@@ -12,6 +12,7 @@ from ..direction import Direction, DirectionBatch, KKTResiduals, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .compiled._direct import OPEN, project_directly
 from .compiled._projection import project_stacked
+from .compiled._trust_region import climb_directly
 from .thorough import solve_thoroughly
 
 _OPTIMAL = Status.OPTIMAL
@@ -59,11 +60,34 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
     return DirectionBatch(value, multipliers, status, iterations, None, report[2:].T, np.full(count, "rows"))
 
 
+def climb(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
+    """The usual problems in balls, M = I: OPTIMAL with its certificate, or UNCERTIFIED, which is no answer."""
+    count, m, n = problems.jacobian.shape
+    value, multipliers, report = np.zeros((count, n)), np.zeros((count, m)), np.empty((7, count))
+    climb_directly.run(
+        tangent,
+        problems.gradient.reshape(-1),
+        problems.jacobian.reshape(-1, n),
+        problems.bound.reshape(-1),
+        problems.equality.reshape(-1),
+        np.asarray(problems.radius),
+        tolerance,
+        value.reshape(-1),
+        multipliers.reshape(-1),
+        report.reshape(-1),
+    )
+    status = np.where(report[0] == OPEN, Status.UNCERTIFIED, Status.OPTIMAL)
+    residuals, kappa = report[2:6].T.copy(), np.where(status, 0.0, report[6])
+    residuals[status != 0] = np.nan
+    return DirectionBatch(value, multipliers, status, report[1].astype(int), kappa, residuals, np.full(count, "rows"))
+
+
 def compile_kernels(*, thorough: bool = True) -> None:
     """Compiles the kernels, or loads them from the disk cache, now rather than when there is work enough for it.
 
     thorough: also the one for hard and infeasible problems, which takes 10 s to compile.
     """
     _ = project_directly.machine_code
+    _ = climb_directly.machine_code
     if thorough:
         _ = project_stacked.machine_code

@@ -7,7 +7,8 @@ in units where nothing over- or underflows (see `flat`). The referee judges each
 with M itself. Source: Golub & Van Loan, Matrix Computations, §4.2 (whitening by the Cholesky factor).
 """
 
-from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -17,38 +18,88 @@ from ..flat import Flat, flatten
 from ..problem import DirectionProblem, ProblemBatch
 from .infeasibility import infeasible_direction
 from .interface import unsupported
-from .small_problem import Core
+from .small_problem import SmallAnswer, SmallProblem
 from .trust_region import as_problem, as_small, solve_in_ball
 
-Solve = Callable[[DirectionProblem], Direction]
+_ARRAYS = ("gradient", "jacobian", "bound", "equality")
 
 
-def solve_in_geometry(problem: DirectionProblem, solve: Solve, core: Core, tolerance: float) -> Direction:
-    """The answer to a problem with a metric, a radius or both; solve: of Euclidean problems without a ball."""
+class Around(Protocol):
+    """What a metric and a ball are put around."""
+
+    tolerance: float
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """Problems with M = I and no ball."""
+        ...
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The core alone."""
+        ...
+
+    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
+        """B such problems."""
+        ...
+
+    def climb(self, problems: ProblemBatch) -> DirectionBatch | None:
+        """Problems in balls, M = I, as far as a compiled pass gets; None where there is none."""
+        ...
+
+
+def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
+    """The answer to a problem with a metric, a radius or both."""
+    if problem.metric is None and (quick := _climb(solver, problem)) is not None:
+        return quick
     flat = flatten(problem)
     if not flat.is_finite:
         return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     if problem.radius is None:
-        return _bring_back(problem, flat, solve(flat.problem), tolerance)
-    found = _bring_back(problem, flat, solve_in_ball(core, flat.problem), tolerance)
+        return _bring_back(problem, flat, solver.solve(flat.problem), solver.tolerance)
+    found = None if problem.metric is None else _climb(solver, flat.problem)
+    found = found or solve_in_ball(solver.solve_small, flat.problem)
+    found = _bring_back(problem, flat, found, solver.tolerance)
     if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR):
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
-    again = solve_in_ball(lambda small: as_small(solve(as_problem(small))), flat.problem)
-    return _bring_back(problem, flat, again, tolerance)
+    again = solve_in_ball(lambda small: as_small(solver.solve(as_problem(small))), flat.problem)
+    return _bring_back(problem, flat, again, solver.tolerance)
 
 
-def solve_batch_in_geometry(
-    problems: ProblemBatch, solve: Solve, batch: Callable[[ProblemBatch], DirectionBatch], tolerance: float
-) -> DirectionBatch:
-    """Problems in metrics, without balls, as one by one; solved together."""
-    flats = list(map(flatten, problems))
-    if not all(each.is_finite for each in flats):
-        return DirectionBatch.stack([solve(problem) for problem in problems])
-    stacked = (np.stack([getattr(each.problem, name) for each in flats]) for name in ("gradient", "jacobian", "bound"))
-    answers = batch(ProblemBatch.trusted(*stacked, problems.equality))
-    triples = zip(problems, flats, answers, strict=True)
-    return DirectionBatch.stack([_bring_back(*triple, tolerance) for triple in triples])
+def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> DirectionBatch:
+    """B problems, each as alone; what a compiled pass does is done together."""
+    flats = [] if problems.metric is None else list(map(flatten, problems))
+    flat_batch = _stack([each.problem for each in flats]) if flats else problems
+    answers = solver.solve_rows_batch(flat_batch) if problems.radius is None else solver.climb(flat_batch)
+    if answers is None or not all(each.is_finite for each in flats):
+        return DirectionBatch.stack([solver.solve(problem) for problem in problems])
+    left = answers.status != Status.OPTIMAL
+    if not flats:
+        again = [solver.solve(problem) for problem in problems.chosen(left)]
+        return answers.replaced(left, DirectionBatch.stack(again)) if again else answers
+    found = []
+    for problem, flat, answer, is_open in zip(problems, flats, answers, left.tolist(), strict=True):
+        is_open = is_open and problems.radius is not None
+        found.append(solver.solve(problem) if is_open else _bring_back(problem, flat, answer, solver.tolerance))
+    return DirectionBatch.stack(found)
+
+
+def _climb(solver: Around, flat: DirectionProblem) -> Direction | None:
+    """The answer of the compiled pass, where it has one."""
+    if flat.radius is None or flat.is_long:
+        return None
+    alone = ProblemBatch.trusted(*(getattr(flat, name)[None] for name in _ARRAYS))
+    vars(alone)["radius"] = np.array([flat.radius])
+    answers = solver.climb(alone)
+    return answers[0] if answers is not None and answers.status[0] == Status.OPTIMAL else None
+
+
+def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
+    """As they are, without checks."""
+    g, J, b, E = (np.stack([getattr(each, name) for each in flats]) for name in _ARRAYS)
+    batch = ProblemBatch.trusted(g, J, b, E)
+    if flats[0].radius is not None:
+        vars(batch)["radius"] = np.array([each.radius for each in flats])
+    return batch
 
 
 def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolerance: float) -> Direction:
@@ -62,4 +113,6 @@ def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolera
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR, iterations)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
+    if answer.residuals is not None and (problem.metric is None or problem.metric.ndim == 1):
+        return replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     return certify(problem, found, tolerance, infeasible_direction)

@@ -13,7 +13,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .base import Solver
-from .exact_core import project, project_batch
+from .exact_core import climb, project, project_batch
 from .small_problem import SmallAnswer, SmallProblem
 from .trust_region import solve_small_exactly
 
@@ -46,3 +46,7 @@ class Rosen(Solver):
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The exact core, as the ball's search asks it."""
         return solve_small_exactly(small, tangent=True)
+
+    def climb(self, problems: ProblemBatch) -> DirectionBatch:
+        """The usual ones in one compiled call."""
+        return climb(problems, self.tolerance, tangent=True)

@@ -90,7 +90,7 @@ def as_small(answer: Direction) -> SmallAnswer:
 
 @dataclass(frozen=True, eq=False)
 class _Ball:
-    """A problem in units of its radius and of ‖g‖, on its rows that are on and not 0; impossible: zero rows that ask."""
+    """A problem in units of its radius and of ‖g‖, on the rows that can matter in the ball."""
 
     problem: DirectionProblem
     small: SmallProblem
@@ -127,11 +127,10 @@ class _Ball:
 
 def _search(core: Core, small: SmallProblem) -> BallAnswer:
     """OPTIMAL, INFEASIBLE, or what the core says of its failure."""
+    if not small.center.size:  # neither g nor a row
+        return BallAnswer(small.center, small.bound, 0.0, 0.0)
     asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
-    if not small.center.any():
-        found = _shortest(small)
-    else:
-        found = _climb(core, small)
+    found = _climb(core, small) if small.center.any() else _shortest(small)
     if asks and (found.error > _EXACT or misses_a_bound(as_problem(small), found.point)):
         missed = _find_miss(core, small)
         if missed is not None:
@@ -156,7 +155,7 @@ def _climb(core: Core, small: SmallProblem) -> BallAnswer:
             best = _better(best, candidate)
         if best.error <= _EXACT:
             break
-        low, high = (low, t) if norm(answer.point) > 1.0 else (t, high)
+        low, high = (low, t) if norm(np.asarray(answer.point)) > 1.0 else (t, high)
         t = _next_step(low, high, suggested if step % 3 < 2 else np.nan)
         if t > _LARGEST_STEP or high - low <= 1e-15 * low:
             break
@@ -245,6 +244,7 @@ def _slack(small: SmallProblem, x: Vector) -> Multipliers:
 
 
 def as_problem(small: SmallProblem) -> DirectionProblem:
+    """The small problem as any other."""
     arrays = (np.ascontiguousarray(each) for each in (small.center, small.rows, small.bound, small.equality))
     return DirectionProblem.trusted(*arrays)
 

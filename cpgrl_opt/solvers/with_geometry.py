@@ -1,7 +1,7 @@
 """Somebody's cone solver made to take metrics and radii: a solver that declares nothing is never asked for them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, without_geometry
@@ -53,11 +53,11 @@ class WithGeometry(Solver):
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
         """The solver's own answer."""
-        return ask(self.solver, problem)
+        return replace(ask(self.solver, problem), residuals=None)  # which nobody reads of a third party
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """The solver's own answers."""
-        return solve_stacked(self.solver, problems)
+        return replace(solve_stacked(self.solver, problems), residuals=None)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The solver's own answer to a small problem, as the ball's search asks."""
