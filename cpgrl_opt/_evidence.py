@@ -18,7 +18,8 @@ import numpy as np
 from .arrays import Float, Jacobian, Multipliers, Vector
 from .compensated import Pair, products
 from .flat import Flat, flatten
-from .problem import DirectionProblem
+from .flat_span import SpanFlat
+from .problem import DirectionProblem, needs_the_metric_itself
 from .scaling import UnitRows, norm, unit_rows
 from .vectors import Certificate
 
@@ -49,16 +50,15 @@ class Evidence:
 
 def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
     """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
-    metric = problem.metric
-    if metric is None and problem.radius is None and problem.is_long:
+    if problem.metric is None and problem.radius is None and problem.is_long:
         yield from _look_in_passes(problem, d, mu)
     if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
         return
-    if metric is None:
+    if problem.metric is None:
         yield _look(problem, d, mu, kappa)
     flat = flatten(problem)
     mu, kappa = flat.in_units(d, mu, kappa)[1:]
-    if metric is not None and metric.ndim == 1:
+    if problem.metric is not None and not needs_the_metric_itself(problem):
         yield _look(flat.problem, flat.inside(d), mu, kappa)
     yield _look_closely(flat, d, mu, kappa)
 
@@ -90,8 +90,10 @@ def _look(flat: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> E
         return Evidence(flat, mu, kappa, norm(kappa * d - g - mu @ J), norm(g), norm(d), rows, bound, slack)
 
 
-def _look_closely(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+def _look_closely(flat: Flat | SpanFlat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
     """As if in twice the precision; in a full metric by M itself. d: as given, μ and κ in units."""
+    if isinstance(flat, SpanFlat):
+        return _look_by_products(flat, d, mu, kappa)
     problem, x = flat.problem, flat.inside(d)
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         rows = unit_rows(problem.jacobian)
@@ -104,6 +106,14 @@ def _look_closely(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> Evide
             length, slack = norm(x), rows.jacobian @ x - bound
         strength = norm(problem.gradient)
         return Evidence(problem, mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
+
+
+def _look_by_products(flat: SpanFlat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+    """By an operator's M itself, in float64: as exact as the products are."""
+    problem, rows = flat.problem, unit_rows(flat.problem.jacobian)
+    rest, x, slack = flat.look(d, mu, kappa)
+    bound, slack = rows.per_length(problem.bound), rows.per_length(slack)
+    return Evidence(problem, mu, kappa, norm(rest), norm(problem.gradient), norm(x), rows, bound, slack, (rest, x))
 
 
 def _find_rest(g: Vector, J: Jacobian, Md: Pair, mu: Multipliers, kappa: float) -> Vector:

@@ -11,6 +11,7 @@ from .arrays import ArrayLike, Float, Vector
 from .validation import (
     finite_array,
     freeze,
+    is_number,
     mask_array,
     read_only,
     real_array,
@@ -91,7 +92,9 @@ def _is_vector(row: object) -> bool:
 
 
 def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
-    """The radius of each problem of a batch; ValueError unless there are so many, all finite and > 0."""
+    """The radius of each problem of a batch, or one for all; ValueError unless they are so many, finite and > 0."""
+    if is_number(radius):
+        radius = np.full(count, radius, np.float64)
     radii = finite_array("radius", radius, 1)
     require_shape("radius", radii, (count,))
     if not (radii > 0).all():

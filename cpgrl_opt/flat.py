@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 
 from .arrays import Float, Int, Multipliers, Vector
+from .direction import Status
+from .flat_span import SpanFlat
 from .metric import Metric, Whitening, balancing_exponents
+from .metric_operator import OperatorMetric
 from .problem import DirectionProblem, euclidean
 from .validation import read_only
 
@@ -31,11 +34,12 @@ class Flat:
     force: int
 
     @property
-    def is_finite(self) -> bool:
-        """Whether nothing overflowed."""
+    def failure(self) -> Status | None:
+        """NUMERICAL_ERROR where a number overflowed."""
         flat = self.problem
         asked = np.where(flat.equality, np.abs(flat.bound), flat.bound)
-        return bool(np.isfinite(flat.gradient).all() and np.isfinite(flat.jacobian).all() and (asked < np.inf).all())
+        is_finite = np.isfinite(flat.gradient).all() and np.isfinite(flat.jacobian).all() and (asked < np.inf).all()
+        return None if is_finite else Status.NUMERICAL_ERROR
 
     def in_units(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """(d̃, μ̃, κ̃) of (d, μ, κ)."""
@@ -65,18 +69,19 @@ class Flat:
         return _shifted(y / np.abs(y).max(), self.rows - int(used.max(initial=0)))
 
 
-def flatten(problem: DirectionProblem) -> Flat:
+def flatten(problem: DirectionProblem) -> Flat | SpanFlat:
     """The problem where M = I, in its units; found once."""
-    known: tuple[tuple[Any, ...], Flat] | None = vars(problem).get("_flat")
+    known: tuple[tuple[Any, ...], Flat | SpanFlat] | None = vars(problem).get("_flat")
     given = (problem.gradient, problem.jacobian, problem.bound, problem.equality, problem.metric, problem.radius)
     if known is None or not all(old is new for old, new in zip(known[0], given, strict=True)):
-        known = given, _flatten(problem)
+        by_product = isinstance(problem.whitening, OperatorMetric)
+        known = given, SpanFlat.of(problem) if by_product else _flatten(problem)
         vars(problem)["_flat"] = known
     return known[1]
 
 
 def _flatten(problem: DirectionProblem) -> Flat:
-    M = problem.metric
+    M, whitening = problem.metric, problem.whitening
     columns = np.zeros(problem.n, np.int64)
     if M is not None:
         columns = balancing_exponents(M if M.ndim == 1 else M.diagonal())
@@ -90,8 +95,8 @@ def _flatten(problem: DirectionProblem) -> Flat:
         _shifted(problem.bound, -rows - length),
         problem.equality,
     )
-    if M is not None:
-        _set_metric(units, M, problem.whitening, columns)
+    if whitening is not None:
+        _set_metric(units, M, whitening, columns)
     flat = euclidean(units)
     if problem.radius is not None:
         flat = flat if flat is not units else DirectionProblem.trusted(*_arrays(units))
@@ -103,13 +108,11 @@ def _arrays(problem: DirectionProblem) -> tuple[np.ndarray, ...]:
     return problem.gradient, problem.jacobian, problem.bound, problem.equality
 
 
-def _set_metric(units: DirectionProblem, M: Metric, whitening: Whitening | None, columns: Int[np.ndarray, "n"]) -> None:
-    shifts = 2 * columns if M.ndim == 1 else columns + columns[:, None]
-    object.__setattr__(units, "metric", read_only(_shifted(M, shifts)))
-    if whitening is not None:
-        factor = whitening.factor
-        factor = _shifted(factor, columns if factor.ndim == 1 else columns[:, None])
-        object.__setattr__(units, "whitening", Whitening(factor, whitening.correction))
+def _set_metric(units: DirectionProblem, M: Metric, whitening: Whitening, columns: Int[np.ndarray, "n"]) -> None:
+    is_vector = M.ndim == 1
+    factor = _shifted(whitening.factor, columns if is_vector else columns[:, None])
+    scaled = read_only(_shifted(M, 2 * columns if is_vector else columns + columns[:, None]))
+    vars(units).update(metric=scaled, whitening=Whitening(factor, whitening.correction))
 
 
 def _length(problem: DirectionProblem, rows: Int[np.ndarray, "m"], strength: int | None) -> int:

@@ -12,10 +12,12 @@ Source: Golub & Van Loan, Matrix Computations, §4.2; Ozaki et al. 2012 (product
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from .arrays import ArrayLike, Float, Int
+from .arrays import Float, Int
+from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import ReadOnlyArrays, finite_array, read_only, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
@@ -90,14 +92,19 @@ def _with_identity(matrix: Float[np.ndarray, "n n"], count: int) -> Float[np.nda
     return larger
 
 
-def validated_metric(metric: ArrayLike, n: int) -> tuple[Metric, Whitening]:
+def validated_metric(
+    metric: Any, n: int, tolerance: float = TOLERANCE, iterations: int = ITERATIONS
+) -> tuple[Any, Any]:
     """A read-only copy of M, (n,) positive or (n, n) symmetric positive definite, and its L; else ValueError.
 
-    A matrix that is symmetric up to rounding is replaced by its symmetric part.
+    A matrix that is symmetric up to rounding is replaced by its symmetric part. A callable v ↦ Mv comes back as it is,
+    and with it its `OperatorMetric`.
     """
+    if callable(metric):
+        return metric, OperatorMetric(metric, n, tolerance, iterations)
     axes = np.ndim(metric)
     if axes not in (1, 2):
-        raise ValueError(f"metric should be None, (n,) or (n, n); found an array of {axes} axes")
+        raise ValueError(f"metric should be None, (n,), (n, n) or a function v ↦ Mv; found an array of {axes} axes")
     M = finite_array("metric", metric, axes)
     require_shape("metric", M, (n,) * axes)
     diagonal = M if axes == 1 else M.diagonal()

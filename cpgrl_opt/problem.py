@@ -8,16 +8,17 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 2017, eq. 10).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from ._gate import check_arrays, check_bounds, check_radii, require_gradient_shape, view_long_vectors
 from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
-from .metric import Metric, Whitening, validated_metric
+from .metric import Whitening, validated_metric
+from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import (
     ReadOnlyArrays,
     read_only,
@@ -34,8 +35,10 @@ class DirectionProblem:
 
     gradient g: (n,), ascent gradient of the objective; jacobian J: (m, n), constraint gradients as rows;
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
-    for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, None for the identity;
-    radius: > 0, in the unit of √(dᵀMd), or None. Arrays are copied and made read-only; but long g and J, with
+    for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, a function v ↦ Mv or a
+    LinearOperator of SciPy, None for the identity; radius: > 0, in the unit of √(dᵀMd), or None. metric_tolerance,
+    metric_iterations: ‖Mx − v‖/‖v‖ of x = M⁻¹v by conjugate gradients, where M is a function, and the most products for
+    one x; a solver to which this is not enough says UNCERTIFIED. Arrays are copied and made read-only; but long g and J, with
     n (1 + m) max(10, 1 + m) ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave them
     alone as long as the problem is in use.
     Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, no numbers, masked entries.
@@ -45,7 +48,7 @@ class DirectionProblem:
     jacobian: Jacobian
     bound: Multipliers
     equality: Mask
-    metric: Metric | None = None
+    metric: Any = None  # Metric, or a function
     radius: float | None = None
     is_long: bool = field(init=False, repr=False)  # worth the way by inner products
 
@@ -55,8 +58,11 @@ class DirectionProblem:
         jacobian: ArrayLike,
         bound: ArrayLike = 0.0,
         equality: ArrayLike = False,
-        metric: ArrayLike | None = None,
+        metric: ArrayLike | Callable[[Any], Any] | None = None,
         radius: Number | None = None,
+        *,
+        metric_tolerance: float = TOLERANCE,
+        metric_iterations: int = ITERATIONS,
     ) -> None:
         vectors = view_long_vectors(gradient, jacobian)
         if vectors is None:
@@ -69,14 +75,19 @@ class DirectionProblem:
             require_gradient_shape(vectors.gradient, (m, n))
             self._look_at(vectors, *check_bounds(bound, equality, (m,)))
         if metric is not None:
-            _set_metric(self, *validated_metric(metric, n))
+            _set_metric(self, *validated_metric(metric, n, metric_tolerance, metric_iterations))
         if radius is not None:
             require_positive("radius", radius)
             object.__setattr__(self, "radius", float(radius))
 
-    def __reduce__(self) -> tuple[type["DirectionProblem"], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
         # Through the constructor, so that a copy or an unpickled problem is read-only too.
-        return DirectionProblem, (self.gradient, self.jacobian, self.bound, self.equality, self.metric, self.radius)
+        arguments = (self.gradient, self.jacobian, self.bound, self.equality, self.metric, self.radius)
+        M = self.whitening
+        if not isinstance(M, OperatorMetric):
+            return DirectionProblem, arguments
+        made = partial(DirectionProblem, metric_tolerance=M.tolerance, metric_iterations=M.iterations)
+        return made, arguments
 
     def _look_at(self, vectors: ArrayVectors, bound: Multipliers, equality: Mask) -> None:
         if not vectors.are_finite():
@@ -112,15 +123,15 @@ class DirectionProblem:
     def copied(self) -> "DirectionProblem":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
         problem = DirectionProblem.trusted(*(array.copy() for array in _arrays(self)))
-        if self.metric is not None and self.whitening is not None:
-            _set_metric(problem, self.metric.copy(), self.whitening.copied())
+        if self.metric is not None:
+            _set_metric(problem, *_copied_pair(self.metric, self.whitening))
         if self.radius is not None:
             object.__setattr__(problem, "radius", self.radius)
         return problem
 
     @cached_property
-    def whitening(self) -> Whitening | None:
-        """Coordinates in which M = I; None where it is already."""
+    def whitening(self) -> Any:
+        """A `Whitening`, coordinates in which M = I, or an `OperatorMetric`; None where M = I already."""
         return None if self.metric is None else validated_metric(self.metric, self.n)[1]
 
     @property
@@ -145,6 +156,11 @@ class DirectionProblem:
     def m(self) -> int:
         """Number of constraints."""
         return len(self.bound)
+
+
+def needs_the_metric_itself(problem: DirectionProblem) -> bool:
+    """Whether M is more than units of single parameters: rounding of what stands for it could hide errors."""
+    return problem.metric is not None and getattr(problem.metric, "ndim", 2) != 1
 
 
 def without_geometry(problem: DirectionProblem) -> DirectionProblem:
@@ -174,7 +190,8 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
 
     gradient: (B, n); jacobian: (B, m, n); bound, equality: (B, m). Inside a batch, a constraint that is
     not in one problem's active set has bound −inf and equality False there; one number or truth value is for all.
-    metric: (B, n) or (B, n, n), None for identities; radius: (B,), or None for problems without. Copies, refuses and
+    metric: (B, n) or (B, n, n) one each; (n,), (1, n, n) or a function v ↦ Mv one for all; None for identities;
+    radius: (B,) or one number, or None for problems without. Copies, refuses and
     raises as `DirectionProblem`.
     """
 
@@ -182,9 +199,9 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
     jacobian: Float[np.ndarray, "B m n"]
     bound: Float[np.ndarray, "B m"]
     equality: Bool[np.ndarray, "B m"]
-    metric: Float[np.ndarray, "B n"] | Float[np.ndarray, "B n n"] | None = None
+    metric: Any = None  # (B, n), (B, n, n), or a function
     radius: Float[np.ndarray, "B"] | None = None
-    whitening: tuple[Whitening, ...] | None = field(default=None, repr=False)  # of each metric, set with it
+    whitening: tuple[Any, ...] | None = field(default=None, repr=False)  # of each metric, set with it
 
     def __init__(
         self,
@@ -192,19 +209,27 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         jacobian: ArrayLike,
         bound: ArrayLike = 0.0,
         equality: ArrayLike = False,
-        metric: ArrayLike | None = None,
+        metric: ArrayLike | Callable[[Any], Any] | None = None,
         radius: ArrayLike | None = None,
+        *,
+        metric_tolerance: float = TOLERANCE,
+        metric_iterations: int = ITERATIONS,
     ) -> None:
         g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 2)
         vars(self).update(gradient=g, jacobian=J, bound=b, equality=E)
         runs, n = g.shape
-        if metric is not None:
+        if callable(metric):
+            _set_metrics(self, [validated_metric(metric, n, metric_tolerance, metric_iterations)] * runs)
+        elif metric is not None:
             given = real_values("metric", metric)
-            if given.ndim not in (2, 3) or len(given) != runs:
+            is_one = given.ndim == 1 or (given.ndim == 3 and len(given) == 1)
+            if not is_one and (given.ndim not in (2, 3) or len(given) != runs):
                 raise ValueError(
-                    f"metric should have one entry a problem, {runs} of (n,) or (n, n); found {given.shape}"
+                    f"metric should have one entry a problem, {runs} of (n,) or (n, n), or be one for all; "
+                    f"found {given.shape}"
                 )
-            _set_metrics(self, [validated_metric(each, n) for each in given])
+            pairs = [validated_metric(each, n) for each in given.reshape(-1, *given.shape[given.ndim != 1 :])]
+            _set_metrics(self, pairs * runs if is_one else pairs)
         if radius is not None:
             object.__setattr__(self, "radius", check_radii(radius, runs))
 
@@ -254,7 +279,7 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality)
         if metric is not None:
             pair = validated_metric(metric, self.gradient.shape[1]) if whitening is None else (metric, whitening)
-            _set_metrics(batch, [pair] * len(self))  # type: ignore[list-item]
+            _set_metrics(batch, [pair] * len(self))
         if radius is not None:
             require_positive("radius", radius)
             object.__setattr__(batch, "radius", read_only(np.full(len(self), radius, np.float64)))
@@ -269,16 +294,16 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
     def copied(self) -> "ProblemBatch":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
         batch = ProblemBatch.trusted(*(array.copy() for array in _arrays(self)))
-        if self.whitening is not None and self.metric is not None:
-            pairs = {id(L): (M.copy(), L.copied()) for M, L in zip(self.metric, self.whitening, strict=True)}
+        if self.whitening is not None:
+            pairs = {id(L): _copied_pair(_metric_at(self, k), L) for k, L in enumerate(self.whitening)}
             _set_metrics(batch, [pairs[id(L)] for L in self.whitening])
         if self.radius is not None:
             object.__setattr__(batch, "radius", read_only(self.radius.copy()))
         return batch
 
     def _hand_geometry(self, part: "ProblemBatch", index: Int[np.ndarray, "part"]) -> None:
-        if self.whitening is not None and self.metric is not None:
-            _set_metrics(part, [(self.metric[k], self.whitening[k]) for k in index])
+        if self.whitening is not None:
+            _set_metrics(part, [(_metric_at(self, k), self.whitening[k]) for k in index])
         if self.radius is not None:
             object.__setattr__(part, "radius", read_only(self.radius[index]))
 
@@ -295,8 +320,8 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
             self._hand_geometry(part, np.arange(len(self))[index])
             return part
         problem = DirectionProblem.trusted(*(array[index] for array in _arrays(self)))
-        if self.whitening is not None and self.metric is not None:
-            _set_metric(problem, self.metric[index], self.whitening[index])
+        if self.whitening is not None:
+            _set_metric(problem, _metric_at(self, index), self.whitening[index])
         if self.radius is not None:
             object.__setattr__(problem, "radius", float(self.radius[index]))
         return problem
@@ -313,30 +338,45 @@ def _arrays(of: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return of.gradient, of.jacobian, of.bound, of.equality
 
 
-def _set_metric(problem: DirectionProblem, metric: Metric, whitening: Whitening) -> None:
-    object.__setattr__(problem, "metric", read_only(metric))
-    object.__setattr__(problem, "whitening", whitening)
+def _set_metric(problem: DirectionProblem, metric: Any, whitening: Any) -> None:
+    vars(problem).update(metric=metric if callable(metric) else read_only(metric), whitening=whitening)
 
 
-def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Metric, Whitening]]) -> None:
+def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Any, Any]]) -> None:
     """One (M, L) for each problem; stacked without copies where all are the same."""
     if not metrics:
-        stacked = np.zeros(batch.gradient.shape)
+        stacked: Any = np.zeros(batch.gradient.shape)
+    elif callable(metrics[0][0]):
+        stacked = metrics[0][0]
     elif all(whitening is metrics[0][1] for _, whitening in metrics):
         stacked = np.broadcast_to(metrics[0][0], (len(metrics), *metrics[0][0].shape))
     else:
         stacked = np.stack([M for M, _ in metrics])
-    object.__setattr__(batch, "metric", read_only(stacked))
-    object.__setattr__(batch, "whitening", tuple(whitening for _, whitening in metrics))
+    vars(batch).update(
+        metric=stacked if callable(stacked) else read_only(stacked), whitening=tuple(L for _, L in metrics)
+    )
 
 
-def _metrics_of(problems: Sequence[DirectionProblem]) -> list[tuple[Metric, Whitening]]:
-    """(M, L) of each problem, all (n,) or all (n, n); the identity where one has none."""
+def _metric_at(batch: ProblemBatch, index: Any) -> Any:
+    return batch.metric if callable(batch.metric) else np.asarray(batch.metric)[index]
+
+
+def _copied_pair(metric: Any, whitening: Any) -> tuple[Any, Any]:
+    return (metric, whitening) if callable(metric) else (metric.copy(), whitening.copied())
+
+
+def _metrics_of(problems: Sequence[DirectionProblem]) -> list[tuple[Any, Any]]:
+    """(M, L) of each problem, all (n,) or all (n, n), the identity where one has none; or one function."""
+    functions = {id(problem.metric) for problem in problems if callable(problem.metric)}
+    if functions:
+        if len({id(problem.metric) for problem in problems}) > 1:
+            raise ValueError("problems should all have one and the same function as metric; found several metrics")
+        return [(problems[0].metric, problems[0].whitening)] * len(problems)
     full = any(problem.metric is not None and problem.metric.ndim == 2 for problem in problems)
     metrics = []
     for problem in problems:
         M, L = problem.metric, problem.whitening
-        if M is None or L is None:
+        if M is None:
             M, L = np.ones(problem.n), Whitening(np.ones(problem.n))
         metrics.append((np.diag(M) if full and M.ndim == 1 else M, L))
     return metrics

@@ -15,7 +15,8 @@ import numpy as np
 from ..certify import certify
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
-from ..problem import DirectionProblem, ProblemBatch
+from ..flat_span import SpanFlat
+from ..problem import DirectionProblem, ProblemBatch, needs_the_metric_itself
 from .infeasibility import infeasible_direction
 from .interface import unsupported
 from .small_problem import SmallAnswer, SmallProblem
@@ -51,8 +52,8 @@ def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
     if problem.metric is None and (quick := _climb(solver, problem)) is not None:
         return quick
     flat = flatten(problem)
-    if not flat.is_finite:
-        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
+    if flat.failure is not None:
+        return Direction.nothing(problem.n, problem.m, flat.failure)
     if problem.radius is None:
         return _bring_back(problem, flat, solver.solve(flat.problem), solver.tolerance)
     found = None if problem.metric is None else _climb(solver, flat.problem)
@@ -70,7 +71,7 @@ def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> Direction
     flats = [] if problems.metric is None else list(map(flatten, problems))
     flat_batch = _stack([each.problem for each in flats]) if flats else problems
     answers = solver.solve_rows_batch(flat_batch) if problems.radius is None else solver.climb(flat_batch)
-    if answers is None or not all(each.is_finite for each in flats):
+    if answers is None or any(each.failure is not None for each in flats):
         return DirectionBatch.stack([solver.solve(problem) for problem in problems])
     left = answers.status != Status.OPTIMAL
     if not flats:
@@ -102,7 +103,7 @@ def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
     return batch
 
 
-def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolerance: float) -> Direction:
+def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction, tolerance: float) -> Direction:
     """What is claimed of the flat problem, as an answer to the problem itself; the referee's word stands."""
     kappa = float(getattr(answer, "radius_multiplier", 0.0))
     value, multipliers = (np.asarray(each, dtype=np.float64) for each in (answer.value, answer.multipliers))
@@ -113,6 +114,6 @@ def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolera
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR, iterations)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
-    if answer.residuals is not None and (problem.metric is None or problem.metric.ndim == 1):
+    if answer.residuals is not None and not needs_the_metric_itself(problem):
         return replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     return certify(problem, found, tolerance, infeasible_direction)

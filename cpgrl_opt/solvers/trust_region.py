@@ -43,7 +43,7 @@ _NEARLY_TIGHT = 1e-9
 _ROUNDING = 1e-12
 # Demands in units of the radius beyond this are as far out of reach as it is; their squares would overflow.
 _LARGEST_RATIO = 1e150
-_MOST_STEPS = 80
+_FEW_STEPS, _MOST_STEPS = 8, 80
 _LARGEST_STEP = 1e15
 _FARTHER = 8.0
 
@@ -69,7 +69,7 @@ def solve_in_ball(core: Core, problem: DirectionProblem) -> Direction:
     if found.status != Status.INFEASIBLE:  # unit rows are rounded in coordinates: once more on the rows
         face = ball.small.equality | (found.multipliers > np.maximum(_slack(ball.small, lifted.point), 0.0))
         lifted = replace(lifted, error=_error(ball.small, lifted.point, lifted.multipliers, lifted.kappa))
-        lifted = min(lifted, *_on_face(ball.small, face), key=lambda each: each.error)
+        lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
         lifted = replace(lifted, status=found.status, iterations=found.iterations)
     return ball.outside(lifted)
 
@@ -130,19 +130,22 @@ def _search(core: Core, small: SmallProblem) -> BallAnswer:
     if not small.center.size:  # neither g nor a row
         return BallAnswer(small.center, small.bound, 0.0, 0.0)
     asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
-    found = _climb(core, small) if small.center.any() else _shortest(small)
+    climbs = bool(small.center.any())
+    found = _climb(core, small, _FEW_STEPS) if climbs else _shortest(small)
     if asks and (found.error > _EXACT or misses_a_bound(as_problem(small), found.point)):
         missed = _find_miss(core, small)
         if missed is not None:
             return missed
+    if climbs and found.error > _EXACT:
+        found = _better(found, _climb(core, small, _MOST_STEPS))
     return found
 
 
-def _climb(core: Core, small: SmallProblem) -> BallAnswer:
+def _climb(core: Core, small: SmallProblem, most_steps: int) -> BallAnswer:
     """The search over t."""
     best = BallAnswer(0.0 * small.center, np.zeros(len(small.bound)), 0.0, status=Status.NUMERICAL_ERROR)
     low, high, t, changes = 0.0, np.inf, 1.0, 0
-    for step in range(_MOST_STEPS):
+    for step in range(most_steps):
         answer = core(replace(small, center=t * small.center))
         changes += answer.iterations
         if not answer.is_usable:
@@ -266,7 +269,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
     flat = as_problem(replace(small, center=0.0 * small.center))
     empty = least_violation(flat)
     if empty is not None and norm(empty.direction) <= 1.0:
-        within = _climb(core, _relaxed(small, empty.direction)) if small.center.any() else None
+        within = _climb(core, _relaxed(small, empty.direction), _MOST_STEPS) if small.center.any() else None
         point = empty.direction if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
         return BallAnswer(point, empty.proof, 0.0, status=Status.INFEASIBLE)
     if empty is None and norm(project(flat, _EXACT).value) <= 1.0:

@@ -1,0 +1,117 @@
+"""A problem in an operator's metric, in the few coordinates of its own gradients.
+
+    K = V M⁻¹ Vᵀ = L Lᵀ,   V = [g; J],  U = M⁻¹V:     x = coordinates of d in the span,   d = Uᵀw,  Lᵀw = x
+
+U is found by conjugate gradients and kept, (1 + m, n): nothing else of size n is. K is as exact as they are, so that a
+row whose unit length leaves less than 100 tolerances of its square outside the others' span counts as dependent; what
+that costs the referee sees, who measures with M itself. One more coordinate holds what a given d has outside the span.
+Source: Golub & Van Loan, Matrix Computations, §4.2.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .arrays import Float, Int, Multipliers, Vector
+from .direction import Status
+from .metric_operator import OperatorMetric
+from .problem import DirectionProblem
+
+# For ‖r‖, of which one digit tells as much as ten.
+_LOOSE = 1e-6
+# g's part outside the rows' span is needed in its direction only, which U has: rounding of K may name its length.
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class SpanFlat:
+    """given: the problem; vectors, images: V and U; lengths: √Kᵢᵢ; factor: L of unit vectors; basis: of its columns."""
+
+    given: DirectionProblem
+    metric: OperatorMetric
+    images: Float[np.ndarray, "channels n"]
+    lengths: Float[np.ndarray, "channels"]
+    factor: Float[np.ndarray, "channels k"]
+    basis: Int[np.ndarray, "k"]
+    failure: Status | None
+
+    @classmethod
+    def of(cls, problem: DirectionProblem) -> "SpanFlat":
+        """By 1 + m solves; rows that are off are 0."""
+        metric: OperatorMetric = problem.whitening
+        V = np.vstack([problem.gradient, problem.jacobian])
+        V[1:][problem.bound == -np.inf] = 0.0
+        pairs = [metric.solve(vector) for vector in V]
+        U, reached = np.array([x for x, _ in pairs]), all(found for _, found in pairs)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            K = V @ U.T
+            K = 0.5 * (K + K.T)
+        is_tame = np.isfinite(K).all() and (K.diagonal() >= 0.0).all()
+        lengths = np.sqrt(K.diagonal()) if is_tame else np.zeros(len(V))
+        is_tame = is_tame and ((lengths > 1e-140) | ~V.any(axis=1)).all() and (lengths < 1e140).all()
+        factor, basis = _factor(K, lengths, 100.0 * metric.tolerance) if is_tame else (np.zeros((len(V), 0)), [])
+        failure = Status.NUMERICAL_ERROR if not is_tame else None if reached else Status.UNCERTIFIED
+        return cls(problem, metric, U, lengths, factor, np.array(basis, np.int64), failure)
+
+    @cached_property
+    def problem(self) -> DirectionProblem:
+        """Where M = I; its last coordinate is 0 for g and every row."""
+        L = np.hstack([self.lengths[:, None] * self.factor, np.zeros((len(self.lengths), 1))])
+        flat = DirectionProblem.trusted(L[0], np.ascontiguousarray(L[1:]), self.given.bound, self.given.equality)
+        if self.given.radius is not None:
+            object.__setattr__(flat, "radius", self.given.radius)
+        return flat
+
+    def in_units(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
+        """As they are."""
+        return d, mu, kappa
+
+    def proof(self, y: Multipliers) -> Multipliers:
+        """As it is."""
+        return y
+
+    def inside(self, d: Vector) -> Vector:
+        """x of d, and the length of what it has outside the span."""
+        return self._coordinates(d, float(d @ self.metric.times(d)))
+
+    def outside(self, x: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
+        """d = Uᵀw."""
+        weights, L = np.zeros(len(self.lengths)), self.factor[self.basis]
+        if self.basis.size:
+            weights[self.basis] = np.linalg.solve(L.T, x[:-1]) / self.lengths[self.basis]
+        return weights @ self.images, mu, kappa
+
+    def look(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Vector, Multipliers]:
+        """κMd − g − Jᵀμ and d in coordinates, by M itself, and Jd − b; NaN where M⁻¹ is not reached."""
+        problem, Md = self.given, self.metric.times(d)
+        force = kappa * Md - problem.gradient - mu @ problem.jacobian
+        z, reached = self.metric.solve(force, _LOOSE)
+        rest = self._coordinates(z, float(force @ z) if reached else np.nan)
+        return rest, self._coordinates(d, float(d @ Md)), problem.jacobian @ d - problem.bound
+
+    def _coordinates(self, d: Vector, square: float) -> Vector:
+        products = np.append(self.given.gradient @ d, self.given.jacobian @ d)[self.basis]
+        x = np.linalg.solve(self.factor[self.basis], products / self.lengths[self.basis])
+        return np.append(x, np.sqrt(max(square - float(x @ x), 0.0)) if square == square else np.nan)
+
+
+def _factor(
+    K: Float[np.ndarray, "channels channels"], lengths: Float[np.ndarray, "channels"], cut: float
+) -> tuple[Float[np.ndarray, "channels k"], list[int]]:
+    """L of the unit vectors, the rows first, the farthest from the others' span first, and then g."""
+    unit = np.where(lengths > 0.0, lengths, 1.0)
+    left, basis, columns = K / unit / unit[:, None], list[int](), list[np.ndarray]()
+    rows = [i for i in range(1, len(lengths)) if lengths[i] > 0.0]
+    for candidates, least in ((rows, cut), ([0], _ROUNDING)):
+        while candidates:
+            pivot = max(candidates, key=lambda i: left[i, i])
+            if not left[pivot, pivot] > least:
+                break
+            column = left[:, pivot] / np.sqrt(left[pivot, pivot])
+            column[basis] = 0.0
+            left = left - np.outer(column, column)
+            columns.append(column)
+            basis.append(pivot)
+            candidates = [i for i in candidates if i != pivot]
+    return np.array(columns).reshape(-1, len(lengths)).T.copy(), basis
