@@ -73,27 +73,32 @@ class SpanFlat:
 
     def inside(self, d: Vector) -> Vector:
         """x of d, and the length of what it has outside the span."""
-        return self._coordinates(d, float(d @ self.metric.times(d)))
+        return self._coordinates(d, self.metric.times(d))
 
     def outside(self, x: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """d = Uᵀw."""
-        weights, L = np.zeros(len(self.lengths)), self.factor[self.basis]
-        if self.basis.size:
-            weights[self.basis] = np.linalg.solve(L.T, x[:-1]) / self.lengths[self.basis]
-        return weights @ self.images, mu, kappa
+        return self._weights(x[:-1]) @ self.images, mu, kappa
 
     def look(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Vector, Multipliers]:
         """κMd − g − Jᵀμ and d in coordinates, by M itself, and Jd − b; NaN where M⁻¹ is not reached."""
         problem, Md = self.given, self.metric.times(d)
         force = kappa * Md - problem.gradient - mu @ problem.jacobian
         z, reached = self.metric.solve(force, _LOOSE)
-        rest = self._coordinates(z, float(force @ z) if reached else np.nan)
-        return rest, self._coordinates(d, float(d @ Md)), problem.jacobian @ d - problem.bound
+        rest = self._coordinates(z, force) if reached else np.full(len(self.basis) + 1, np.nan)
+        return rest, self._coordinates(d, Md), problem.jacobian @ d - problem.bound
 
-    def _coordinates(self, d: Vector, square: float) -> Vector:
+    def _coordinates(self, d: Vector, Md: Vector) -> Vector:
+        """L⁻¹Vd, and √(eᵀMe) of e = d − Uᵀw: dᵀMd − x·x would leave 1e-8 of rounding."""
         products = np.append(self.given.gradient @ d, self.given.jacobian @ d)[self.basis]
         x = np.linalg.solve(self.factor[self.basis], products / self.lengths[self.basis])
-        return np.append(x, np.sqrt(max(square - float(x @ x), 0.0)) if square == square else np.nan)
+        weights = self._weights(x)
+        apart = Md - weights[0] * self.given.gradient - weights[1:] @ self.given.jacobian
+        return np.append(x, np.sqrt(max(float((d - weights @ self.images) @ apart), 0.0)))
+
+    def _weights(self, x: Float[np.ndarray, "k"]) -> Float[np.ndarray, "channels"]:
+        weights = np.zeros(len(self.lengths))
+        weights[self.basis] = np.linalg.solve(self.factor[self.basis].T, x) / self.lengths[self.basis]
+        return weights
 
 
 def _factor(

@@ -38,9 +38,9 @@ class DirectionProblem:
     for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, a function v ↦ Mv or a
     LinearOperator of SciPy, None for the identity; radius: > 0, in the unit of √(dᵀMd), or None. metric_tolerance,
     metric_iterations: ‖Mx − v‖/‖v‖ of x = M⁻¹v by conjugate gradients, where M is a function, and the most products for
-    one x; a solver to which this is not enough says UNCERTIFIED. Arrays are copied and made read-only; but long g and J, with
-    n (1 + m) max(10, 1 + m) ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave them
-    alone as long as the problem is in use.
+    one x; a solver to which this is not enough says UNCERTIFIED. Arrays are copied and made read-only; but long g and
+    J, with n (1 + m) max(10, 1 + m) ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave
+    them alone as long as the problem is in use.
     Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, no numbers, masked entries.
     """
 

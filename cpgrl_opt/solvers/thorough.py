@@ -23,6 +23,7 @@ _CLAIMING_A_POINT = (Status.OPTIMAL, Status.UNCERTIFIED, Status.ITERATION_LIMIT)
 _FAR = -1e3  # rows with bounds below this stay out of the least violation, which they would swamp, until violated
 _SIZE = 1e6  # bounds up to this many times as large are solved for together: ten digits are left of the smallest
 _LEAST = 1e-13  # violations below this are rounding
+_RANK = 3e-13  # columns of unit rows below this: with a tenth, rows 1e-13 rad from opposing would be left UNCERTIFIED
 
 
 def solve_thoroughly(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> list[Direction]:
@@ -169,11 +170,14 @@ def _violate_least(problem: DirectionProblem, proven: Direction) -> Direction:
 
 def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
     """y of _violate_least; exactly 0 where y ≥ 0 is active or y is rounding."""
-    count, n = unit.shape
+    count = len(unit)
     if count == 0:
         return np.zeros(0)
     largest = float(np.abs(bound).max(initial=0.0)) or 1.0
-    constraints = np.vstack([unit.T, np.eye(count)])
+    # As a row of its own, what rounding leaves of a column would ask as much as any other.
+    columns = unit.T[lengths(unit.T) > _RANK]
+    n = len(columns)
+    constraints = np.vstack([columns, np.eye(count)])
     limits = np.append(np.zeros(n), np.where(exact, -inf, 0.0))
     answer = _solve(bound / largest, constraints, limits, np.append(np.ones(n, bool), np.zeros(count, bool)), LOOSE)
     y: Floats = answer.value * largest
