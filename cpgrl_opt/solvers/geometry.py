@@ -31,7 +31,11 @@ class Around(Protocol):
     tolerance: float
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """Problems with M = I and no ball."""
+        """Any problem."""
+        ...
+
+    def solve_rows(self, problem: DirectionProblem) -> Direction:
+        """With M = I, no ball, short vectors."""
         ...
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
@@ -55,14 +59,15 @@ def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
     if flat.failure is not None:
         return Direction.nothing(problem.n, problem.m, flat.failure)
     if problem.radius is None:
-        return _bring_back(problem, flat, solver.solve(flat.problem), solver.tolerance)
+        solve = solver.solve if flat.problem.is_long else solver.solve_rows
+        return _bring_back(problem, flat, solve(flat.problem), solver.tolerance)
     found = None if problem.metric is None else _climb(solver, flat.problem)
     found = found or solve_in_ball(solver.solve_small, flat.problem)
     found = _bring_back(problem, flat, found, solver.tolerance)
     if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR):
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
-    again = solve_in_ball(lambda small: as_small(solver.solve(as_problem(small))), flat.problem)
+    again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat.problem)
     return _bring_back(problem, flat, again, solver.tolerance)
 
 

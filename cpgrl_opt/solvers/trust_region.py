@@ -146,7 +146,7 @@ def _climb(core: Core, small: SmallProblem, most_steps: int) -> BallAnswer:
     best = BallAnswer(0.0 * small.center, np.zeros(len(small.bound)), 0.0, status=Status.NUMERICAL_ERROR)
     low, high, t, changes = 0.0, np.inf, 1.0, 0
     for step in range(most_steps):
-        answer = core(replace(small, center=t * small.center))
+        answer = _project(core, replace(small, center=t * small.center))
         changes += answer.iterations
         if not answer.is_usable:
             if best.status != Status.OPTIMAL:
@@ -163,6 +163,14 @@ def _climb(core: Core, small: SmallProblem, most_steps: int) -> BallAnswer:
         if t > _LARGEST_STEP or high - low <= 1e-15 * low:
             break
     return replace(best, iterations=changes)
+
+
+def _project(core: Core, small: SmallProblem) -> SmallAnswer:
+    """x(t); cores are asked only where there is something to find, as everywhere."""
+    slack = _slack(small, small.center)
+    if np.where(small.equality, slack == 0.0, slack >= 0.0).all():
+        return SmallAnswer(small.center, np.zeros(len(slack)))
+    return core(small)
 
 
 def _candidates(small: SmallProblem, answer: SmallAnswer, t: float) -> Iterator[BallAnswer]:
