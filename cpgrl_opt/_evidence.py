@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import Float, Jacobian, Multipliers, Vector
-from .compensated import Pair, products
+from .compensated import products
 from .flat import Flat, flatten
 from .flat_span import SpanFlat
-from .problem import DirectionProblem, needs_the_metric_itself
+from .problem import DirectionProblem
 from .scaling import UnitRows, norm, unit_rows
 from .vectors import Certificate
 
@@ -55,11 +55,14 @@ def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa
     if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
         return
     if problem.metric is None:
-        yield _look(problem, d, mu, kappa)
+        yield _look(problem, d, mu, kappa, unit_rows(problem.jacobian))
     flat = flatten(problem)
     mu, kappa = flat.in_units(d, mu, kappa)[1:]
-    if problem.metric is not None and not needs_the_metric_itself(problem):
-        yield _look(flat.problem, flat.inside(d), mu, kappa)
+    if isinstance(flat, SpanFlat):
+        yield _look_by_products(flat, d, mu, kappa)
+        return
+    if problem.metric is not None and problem.metric.ndim == 1:
+        yield _look(flat.problem, flat.inside(d), mu, kappa, flat.unit)
     yield _look_closely(flat, d, mu, kappa)
 
 
@@ -81,28 +84,24 @@ def read_certificate(
     return Evidence(problem, mu, 1.0, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 
 
-def _look(flat: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+def _look(flat: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, rows: UnitRows) -> Evidence:
     """In float64, where M = I."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        g, J, rows = flat.gradient, flat.jacobian, unit_rows(flat.jacobian)
-        bound = rows.per_length(flat.bound)
+        g, J, bound = flat.gradient, flat.jacobian, rows.per_length(flat.bound)
         slack = rows.jacobian @ d - bound
         return Evidence(flat, mu, kappa, norm(kappa * d - g - mu @ J), norm(g), norm(d), rows, bound, slack)
 
 
-def _look_closely(flat: Flat | SpanFlat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+def _look_closely(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
     """As if in twice the precision; in a full metric by M itself. d: as given, μ and κ in units."""
-    if isinstance(flat, SpanFlat):
-        return _look_by_products(flat, d, mu, kappa)
-    problem, x = flat.problem, flat.inside(d)
+    problem, rows, x, L = flat.problem, flat.unit, flat.inside(d), flat.whitening
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        rows = unit_rows(problem.jacobian)
-        bound, L = rows.per_length(problem.bound), flat.units.whitening
+        bound = rows.per_length(problem.bound)
         if L is not None and L.factor.ndim == 2:
-            rest, length, slack = _find_terms(flat.units, flat.in_units(d, mu, kappa)[0], mu, kappa)
-            rest, slack = L.gradient(rest), rows.per_length(slack)
+            rest, length, slack = _find_terms(flat, d, mu, kappa)
+            rest, slack = L.rows(rest), rows.per_length(slack)
         else:
-            rest = _find_rest(problem.gradient, problem.jacobian, Pair(x, np.zeros_like(x)), mu, kappa)
+            rest = _find_rest(problem.gradient, problem.jacobian, x, mu, kappa)
             length, slack = norm(x), rows.jacobian @ x - bound
         strength = norm(problem.gradient)
         return Evidence(problem, mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
@@ -110,31 +109,30 @@ def _look_closely(flat: Flat | SpanFlat, d: Vector, mu: Multipliers, kappa: floa
 
 def _look_by_products(flat: SpanFlat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
     """By an operator's M itself, in float64: as exact as the products are."""
-    problem, rows = flat.problem, unit_rows(flat.problem.jacobian)
+    problem, rows = flat.problem, flat.unit
     rest, x, slack = flat.look(d, mu, kappa)
     bound, slack = rows.per_length(problem.bound), rows.per_length(slack)
     return Evidence(problem, mu, kappa, norm(rest), norm(problem.gradient), norm(x), rows, bound, slack, (rest, x))
 
 
-def _find_rest(g: Vector, J: Jacobian, Md: Pair, mu: Multipliers, kappa: float) -> Vector:
-    """κMd − g − Jᵀμ, each number to 2⁻¹⁰⁰ or so of the largest of its terms."""
-    on, pushed, rest = mu != 0.0, Md.times(kappa), np.empty_like(g)
-    forces, J = np.append(-1.0, -mu[on]), J if on.all() else J[on]
+def _find_rest(g: Vector, J: Jacobian, d: Vector, mu: Multipliers, kappa: float) -> Vector:
+    """κd − g − Jᵀμ, each number to 2⁻¹⁰⁰ or so of the largest of its terms."""
+    on, rest = mu != 0.0, np.empty_like(g)
+    weights, J = np.append([kappa, -1.0], -mu[on]), J if on.all() else J[on]
     for start in range(0, len(g), _BLOCK):
         part = slice(start, start + _BLOCK)
-        pulled = products(np.vstack([g[part], J[:, part]]).T, forces)
-        rest[part] = pulled.plus(Pair(pushed.hi[part], pushed.lo[part])).rounded()
+        rest[part] = products(np.vstack([d[part], g[part], J[:, part]]).T, weights).rounded()
     return rest
 
 
-def _find_terms(
-    problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float
-) -> tuple[Vector, float, Multipliers]:
-    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is switched off; M: (n, n)."""
-    n, is_off, M = problem.n, problem.bound == -np.inf, np.asarray(problem.metric)
-    reached = products(np.vstack([M, problem.jacobian]), d)
-    Md, Jd = (Pair(reached.hi[part], reached.lo[part]) for part in (slice(n), slice(n, None)))
-    square = float(products(np.array(Md), d).rounded().sum())
-    slack = Jd.plus(Pair(np.where(is_off, 0.0, -problem.bound), np.zeros(problem.m))).rounded()
-    rest = _find_rest(problem.gradient, problem.jacobian, Md, mu, kappa)
-    return rest, math.sqrt(square) if square > 0.0 else 0.0, np.where(is_off, np.inf, slack)
+def _find_terms(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, float, Multipliers]:
+    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is off; in units, M: (n, n)."""
+    bound = flat.problem.bound
+    n, is_off, d = len(d), bound == -np.inf, flat.in_units(d, mu, kappa)[0]
+    given = np.vstack([flat.matrix, flat.given[1:]])
+    last = np.concatenate([np.zeros(n), np.where(is_off, 0.0, -bound)])
+    hi, lo = products(np.column_stack([given, last]), np.append(d, 1.0))
+    slack = np.where(is_off, np.inf, hi[n:] + lo[n:])
+    square = float(products(np.concatenate([hi[:n], lo[:n]])[None], np.append(d, d)).hi[0])
+    pushed = products(np.column_stack([hi[:n], lo[:n], flat.given.T]), np.concatenate([[kappa, kappa, -1.0], -mu]))
+    return pushed.hi + pushed.lo, math.sqrt(square) if square > 0.0 else 0.0, slack

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Multipliers, Vector
+from .arrays import Mask, Multipliers, Vector
 from .flat import flatten
 from .problem import DirectionProblem
 from .scaling import norm, unit_rows
@@ -60,8 +60,14 @@ def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
     if not np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0).any():
         return False
     lack = violation(problem, d)
-    asked = np.where(problem.equality, np.abs(lack.bound), lack.bound)
-    return bool(np.abs(lack.amount).max(initial=0.0) > _MISSED * asked[asked > 0.0].min(initial=np.inf))
+    return is_missed(lack.bound, -lack.amount, problem.equality)
+
+
+def is_missed(bound: Multipliers, slack: Multipliers, equality: Mask) -> bool:
+    """The same of b̂ and Ĵd − b̂."""
+    asked = np.where(equality, np.abs(bound), bound)
+    missed = np.where(equality, np.abs(slack), -slack)
+    return bool(missed.max(initial=0.0) > _MISSED * asked.min(initial=np.inf, where=asked > 0.0))
 
 
 def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:

@@ -42,6 +42,7 @@ from ._violation import (
     FARKAS_TOLERANCE,
     excess_violation,
     farkas_residual,
+    is_missed,
     is_out_of_reach,
     largest,
     least_violation_residual,
@@ -124,9 +125,9 @@ def certify(
     """
     is_granted, residuals = True, None
     if answer.status == Status.OPTIMAL:
-        residuals = kkt_residuals(problem, answer)
+        residuals, seen = _look_and_measure(problem, answer)
         is_granted = residuals.worst <= tolerance
-        if is_granted and misses_a_bound(problem, answer.value):
+        if is_granted and seen is not None and is_missed(seen.bound, seen.slack, problem.equality):
             alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
             is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
@@ -148,9 +149,8 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     d, mu = real_values("direction.value", direction.value), real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
-    kappa = 1.0 if problem.radius is None else float(getattr(direction, "radius_multiplier", 0.0))
-    measured = map(_measure, gather_evidence(problem, d, mu, kappa))
-    return next((residuals for residuals in measured if residuals is not None), _HOPELESS)
+    kappa = float(getattr(direction, "radius_multiplier", 0.0))
+    return _look_and_measure(problem, Direction(d, mu, Status.OPTIMAL, 0, kappa))[0]
 
 
 def certified_residuals(
@@ -178,6 +178,16 @@ def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool
     )
 
 
+def _look_and_measure(problem: DirectionProblem, answer: Direction) -> tuple[KKTResiduals, Evidence | None]:
+    """The residuals, and what they were measured on; hopeless where nothing tells."""
+    kappa = 1.0 if problem.radius is None else answer.radius_multiplier
+    for seen in gather_evidence(problem, answer.value, answer.multipliers, kappa):
+        residuals = _measure(seen)
+        if residuals is not None:
+            return residuals, seen
+    return _HOPELESS, None
+
+
 def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | None:
     """The four residuals; None where a number leaves float64, or rounding of large multipliers hides r."""
     if not seen.rest < math.inf:
@@ -195,12 +205,10 @@ def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | N
         stationarity = _forgive_rounding(seen, mu, pull, force, doubtful)
     if not (stationarity < math.inf and max(length, force) < math.inf):
         return None
-    return KKTResiduals(
-        stationarity=stationarity,
-        primal=max(0.0, largest(np.where(inequality, -slack, np.abs(slack))), -room),
-        dual=max(0.0, largest(-mu[inequality]), -pull),
-        complementarity=max(largest(np.abs(np.minimum(mu, slack))[inequality]), abs(min(pull, room))),
-    )
+    missed = float(np.where(inequality, -slack, np.abs(slack)).max(initial=0.0))
+    negative = float(-mu.min(initial=0.0, where=inequality))
+    least = float(np.abs(np.minimum(mu, slack)).max(initial=0.0, where=inequality))
+    return KKTResiduals(stationarity, max(missed, -room), max(negative, -pull), max(least, abs(min(pull, room))))
 
 
 def _forgive_rounding(seen: Evidence, mu: Multipliers, pull: float, force: float, doubtful: float) -> float:

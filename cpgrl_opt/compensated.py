@@ -95,8 +95,24 @@ def two_product(
 
 
 def products(rows: Float[np.ndarray, "k n"], vector: Float[np.ndarray, "n"]) -> Pair:
-    """Each row times the vector, (k,); summed in pairs."""
-    return Pair(*two_product(rows, vector)).sums()
+    """Each row times the vector, (k,); summed in pairs, two halves of each row at a time."""
+    # Spelt out: the referee asks for it four times of each answer in a full metric.
+    scaled, hi = _HALVES * rows, rows * vector
+    high, other = scaled - (scaled - rows), _HALVES * vector
+    other = other - (other - vector)
+    low, rest = rows - high, vector - other
+    lo = low * rest - (((hi - high * other) - low * other) - high * rest)
+    while (width := hi.shape[1]) > 1:
+        half = width // 2
+        a, b = hi[:, :half], hi[:, half : 2 * half]
+        total = a + b
+        part = total - a
+        error = (a - (total - part)) + (b - part) + lo[:, :half] + lo[:, half : 2 * half]
+        hi = np.concatenate([total, hi[:, 2 * half :]], axis=1) if width % 2 else total
+        lo = np.concatenate([error, lo[:, 2 * half :]], axis=1) if width % 2 else error
+    hi, lo = hi.sum(axis=1), lo.sum(axis=1)  # of one number a row, or none
+    total = hi + lo
+    return Pair(total, lo - (total - hi))
 
 
 def _normalised(hi: Float[np.ndarray, "*k"], lo: Float[np.ndarray, "*k"]) -> Pair:

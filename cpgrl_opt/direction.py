@@ -64,7 +64,8 @@ class KKTResiduals(NamedTuple):
     @property
     def worst(self) -> float:
         """The largest of the four; infinite where one is NaN, which `max` would hide."""
-        return max(self) if all(part == part for part in self) else math.inf
+        total = sum(self)
+        return max(self) if total == total else math.inf
 
 
 class DirectionError(RuntimeError):

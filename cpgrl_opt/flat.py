@@ -9,6 +9,8 @@ than 1e-300 of what it is compared with; whitening the problem as it was given c
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -16,22 +18,34 @@ import numpy as np
 from .arrays import Float, Int, Multipliers, Vector
 from .direction import Status
 from .flat_span import SpanFlat
-from .metric import Metric, Whitening, balancing_exponents
+from .metric import Whitening
 from .metric_operator import OperatorMetric
-from .problem import DirectionProblem, euclidean
-from .validation import read_only
+from .problem import DirectionProblem
+from .scaling import UnitRows, unit_rows
 
 
 @dataclass(frozen=True, eq=False)
 class Flat:
-    """problem: of (L⁻¹g̃, J̃L⁻ᵀ, b̃), with its radius; units: of (M̃, g̃, J̃, b̃); e (n,), k (m,), s and f."""
+    """problem: of (L⁻¹g̃, J̃L⁻ᵀ, b̃), with its radius; given: g̃ over J̃; M, and L of M̃; and e (n,), k (m,), s and f."""
 
     problem: DirectionProblem
-    units: DirectionProblem
+    given: Float[np.ndarray, "channels n"]
+    metric: Any
+    whitening: Whitening | None
     columns: Int[np.ndarray, "n"]
     rows: Int[np.ndarray, "m"]
     length: int
     force: int
+
+    @cached_property
+    def unit(self) -> UnitRows:
+        """Of the problem's rows."""
+        return unit_rows(self.problem.jacobian)
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "n n"]:
+        """M̃, of a full M."""
+        return np.asarray(np.ldexp(self.metric, self.columns + self.columns[:, None]))
 
     @property
     def failure(self) -> Status | None:
@@ -43,37 +57,35 @@ class Flat:
 
     def in_units(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """(d̃, μ̃, κ̃) of (d, μ, κ)."""
-        return (
-            _shifted(d, -self.columns - self.length),
-            _shifted(mu, self.rows - self.force),
-            float(_shifted(np.array(kappa), self.length - self.force)),
-        )
+        with np.errstate(over="ignore", under="ignore"):
+            scaled = float(np.ldexp(kappa, self.length - self.force))
+            return np.ldexp(d, -self.columns - self.length), np.ldexp(mu, self.rows - self.force), scaled
 
     def inside(self, d: Vector) -> Vector:
         """x of d."""
-        d = _shifted(d, -self.columns - self.length)
-        return d if self.units.whitening is None else self.units.whitening.direction(d)
+        with np.errstate(over="ignore", under="ignore"):
+            d = np.ldexp(d, -self.columns - self.length)
+        return d if self.whitening is None else self.whitening.direction(d)
 
     def outside(self, x: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """(d, μ, κ) of (x, μ̃, κ̃)."""
-        d = x if self.units.whitening is None else self.units.whitening.original(x)
-        return (
-            _shifted(d, self.columns + self.length),
-            _shifted(mu, self.force - self.rows),
-            float(_shifted(np.array(kappa), self.force - self.length)),
-        )
+        d = x if self.whitening is None else self.whitening.original(x)
+        with np.errstate(over="ignore", under="ignore"):
+            scaled = float(np.ldexp(kappa, self.force - self.length))
+            return np.ldexp(d, self.columns + self.length), np.ldexp(mu, self.force - self.rows), scaled
 
     def proof(self, y: Multipliers) -> Multipliers:
         """ỹ of y ≠ 0, up to a factor."""
         used = self.rows[y != 0.0]
-        return _shifted(y / np.abs(y).max(), self.rows - int(used.max(initial=0)))
+        with np.errstate(over="ignore", under="ignore"):
+            return np.asarray(np.ldexp(y / np.abs(y).max(), self.rows - int(used.max(initial=0))))
 
 
 def flatten(problem: DirectionProblem) -> Flat | SpanFlat:
     """The problem where M = I, in its units; found once."""
     known: tuple[tuple[Any, ...], Flat | SpanFlat] | None = vars(problem).get("_flat")
     given = (problem.gradient, problem.jacobian, problem.bound, problem.equality, problem.metric, problem.radius)
-    if known is None or not all(old is new for old, new in zip(known[0], given, strict=True)):
+    if known is None or not all(map(is_, known[0], given)):
         by_product = isinstance(problem.whitening, OperatorMetric)
         known = given, SpanFlat.of(problem) if by_product else _flatten(problem)
         vars(problem)["_flat"] = known
@@ -81,57 +93,28 @@ def flatten(problem: DirectionProblem) -> Flat | SpanFlat:
 
 
 def _flatten(problem: DirectionProblem) -> Flat:
-    M, whitening = problem.metric, problem.whitening
-    columns = np.zeros(problem.n, np.int64)
-    if M is not None:
-        columns = balancing_exponents(M if M.ndim == 1 else M.diagonal())
-    rows = _largest_exponents(problem.jacobian, columns)
-    [strength] = _largest_exponents(problem.gradient[None], columns).tolist()
-    length = _length(problem, rows, strength if problem.gradient.any() else None)
-    force = length if problem.radius is None else strength
-    units = DirectionProblem.trusted(
-        _shifted(problem.gradient, columns - force),
-        _shifted(problem.jacobian, columns - rows[:, None]),
-        _shifted(problem.bound, -rows - length),
-        problem.equality,
-    )
-    if whitening is not None:
-        _set_metric(units, M, whitening, columns)
-    flat = euclidean(units)
-    if problem.radius is not None:
-        flat = flat if flat is not units else DirectionProblem.trusted(*_arrays(units))
-        object.__setattr__(flat, "radius", float(_shifted(np.array(problem.radius), -length)))
-    return Flat(flat, units, columns, rows, length, force)
-
-
-def _arrays(problem: DirectionProblem) -> tuple[np.ndarray, ...]:
-    return problem.gradient, problem.jacobian, problem.bound, problem.equality
-
-
-def _set_metric(units: DirectionProblem, M: Metric, whitening: Whitening, columns: Int[np.ndarray, "n"]) -> None:
-    is_vector = M.ndim == 1
-    factor = _shifted(whitening.factor, columns if is_vector else columns[:, None])
-    scaled = read_only(_shifted(M, 2 * columns if is_vector else columns + columns[:, None]))
-    vars(units).update(metric=scaled, whitening=Whitening(factor, whitening.correction))
-
-
-def _length(problem: DirectionProblem, rows: Int[np.ndarray, "m"], strength: int | None) -> int:
-    """s: of the radius; without one, of the larger of g and what the bounds demand."""
-    if problem.radius is not None:
-        return int(np.frexp(problem.radius)[1])
-    demands = np.isfinite(problem.bound) & (problem.bound != 0.0) & (problem.equality | (problem.bound > 0.0))
-    sizes = (np.frexp(problem.bound)[1] - rows)[demands].tolist()
-    return max(sizes if strength is None else [strength, *sizes], default=0)
-
-
-def _largest_exponents(rows: Float[np.ndarray, "m n"], shift: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
-    """Exponent of the largest |row · 2^shift|; 0 for a row of zeros."""
-    none = np.iinfo(np.int64).min
-    exponents = np.where(rows != 0.0, np.frexp(rows)[1] + shift, none).max(axis=1, initial=none)
-    return np.asarray(np.where(exponents == none, 0, exponents))
-
-
-def _shifted(values: np.ndarray, exponents: int | Int[np.ndarray, "*k"]) -> np.ndarray:
-    """values · 2^exponents; infinite or 0 where that over- or underflows."""
+    bound, radius = problem.bound, problem.radius
+    columns, whitening = problem.whitening.balanced if problem.whitening is not None else (np.zeros(1, np.int64), None)
+    given = np.vstack([problem.gradient, problem.jacobian])
+    exponents = _largest_exponents(given, columns)
+    rows, strength = exponents[1:], int(exponents[0])
+    if radius is not None:
+        length, force = int(np.frexp(radius)[1]), strength
+    else:  # of the larger of g and what the bounds demand
+        demands = np.isfinite(bound) & (bound != 0.0) & (problem.equality | (bound > 0.0))
+        sizes = (np.frexp(bound)[1] - rows)[demands].tolist() + [strength] * bool(problem.gradient.any())
+        length = force = max(sizes, default=0)
+    exponents[0] = force
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        return np.asarray(np.ldexp(values, exponents), order="C")
+        given, bound = np.ldexp(given, columns - exponents[:, None]), np.ldexp(bound, -rows - length)
+        vectors = given if whitening is None else whitening.rows(given)
+        radius = None if radius is None else float(np.ldexp(radius, -length))
+    flat = DirectionProblem.trusted(vectors[0], vectors[1:], bound, problem.equality, radius)
+    return Flat(flat, given, problem.metric, whitening, np.broadcast_to(columns, (problem.n,)), rows, length, force)
+
+
+def _largest_exponents(vectors: Float[np.ndarray, "k n"], shift: Any) -> Int[np.ndarray, "k"]:
+    """Exponent of the largest |v · 2^shift|; 0 where v = 0."""
+    none = np.iinfo(np.int64).min
+    exponents = np.where(vectors != 0.0, np.frexp(vectors)[1] + shift, none).max(axis=1, initial=none)
+    return np.asarray(np.where(exponents == none, 0, exponents))

@@ -17,6 +17,7 @@ from .arrays import Float, Int, Multipliers, Vector
 from .direction import Status
 from .metric_operator import OperatorMetric
 from .problem import DirectionProblem
+from .scaling import UnitRows, unit_rows
 
 # For ‖r‖, of which one digit tells as much as ten.
 _LOOSE = 1e-6
@@ -58,10 +59,12 @@ class SpanFlat:
     def problem(self) -> DirectionProblem:
         """Where M = I; its last coordinate is 0 for g and every row."""
         L = np.hstack([self.lengths[:, None] * self.factor, np.zeros((len(self.lengths), 1))])
-        flat = DirectionProblem.trusted(L[0], np.ascontiguousarray(L[1:]), self.given.bound, self.given.equality)
-        if self.given.radius is not None:
-            object.__setattr__(flat, "radius", self.given.radius)
-        return flat
+        return DirectionProblem.trusted(L[0], L[1:], self.given.bound, self.given.equality, self.given.radius)
+
+    @cached_property
+    def unit(self) -> UnitRows:
+        """Of the problem's rows."""
+        return unit_rows(self.problem.jacobian)
 
     def in_units(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """As they are."""

@@ -12,6 +12,7 @@ Source: Golub & Van Loan, Matrix Computations, §4.2; Ozaki et al. 2012 (product
 """
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -46,17 +47,23 @@ class Whitening(ReadOnlyArrays):
         """The same L in arrays of its own."""
         return Whitening(self.factor.copy(), None if self.correction is None else self.correction.copy())
 
-    def rows(self, rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
-        """JL⁻ᵀ: gradients, one a row, in the coordinates where M = I."""
+    @cached_property
+    def balanced(self) -> tuple[Int[np.ndarray, "n"], "Whitening"]:
+        """e with ¼ ≤ 4^eⱼ Mⱼⱼ < 1, about, and the factors of DMD, D = diag(2^eⱼ): units that round nothing."""
+        is_vector = self.factor.ndim == 1
+        diagonal = self.factor if is_vector else np.sqrt(np.vecdot(self.factor, self.factor))
+        exponents = -np.frexp(diagonal)[1].astype(np.int64)
+        factor = np.ldexp(self.factor, exponents if is_vector else exponents[:, None])
+        return exponents, Whitening(factor, self.correction)
+
+    def rows(self, rows: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k n"]:
+        """JL⁻ᵀ, and L⁻¹g: gradients, one a row or one alone, in the coordinates where M = I."""
         if self.factor.ndim == 1:
             return np.asarray(rows / self.factor)
-        return np.ascontiguousarray(self._from_the_left(rows.T).T)
-
-    def gradient(self, gradient: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """L⁻¹g."""
-        if self.factor.ndim == 1:
-            return np.asarray(gradient / self.factor)
-        return self._from_the_left(gradient)
+        solve, columns = _triangular(), rows.T
+        for factor in (self.factor,) if self.correction is None else (self.factor, self.correction):
+            columns = solve(factor, columns, lower=True, check_finite=False)
+        return np.ascontiguousarray(columns.T)
 
     def direction(self, direction: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """d′ = Lᵀd."""
@@ -65,31 +72,14 @@ class Whitening(ReadOnlyArrays):
         whitened = direction @ self.factor
         return np.asarray(whitened if self.correction is None else whitened @ self.correction)
 
-    def original(self, whitened: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    def original(self, whitened: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k n"]:
         """d = L⁻ᵀd′."""
         if self.factor.ndim == 1:
             return np.asarray(whitened / self.factor)
-        if self.correction is not None:
-            whitened = _solved(self.correction, whitened, transposed=True)
-        return _solved(self.factor, whitened, transposed=True)
-
-    def extended(self, count: int) -> "Whitening":
-        """L of M with `count` further coordinates, in which it is the identity."""
-        if self.factor.ndim == 1:
-            return Whitening(np.append(self.factor, np.ones(count)))
-        correction = None if self.correction is None else _with_identity(self.correction, count)
-        return Whitening(_with_identity(self.factor, count), correction)
-
-    def _from_the_left(self, right: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
-        solution = _solved(self.factor, right, transposed=False)
-        return solution if self.correction is None else _solved(self.correction, solution, transposed=False)
-
-
-def _with_identity(matrix: Float[np.ndarray, "n n"], count: int) -> Float[np.ndarray, "k k"]:
-    n = len(matrix)
-    larger = np.eye(n + count)
-    larger[:n, :n] = matrix
-    return larger
+        solve, columns = _triangular(), whitened.T
+        for factor in (self.factor,) if self.correction is None else (self.correction, self.factor):
+            columns = solve(factor, columns, lower=True, trans=1, check_finite=False)
+        return np.asarray(columns.T)
 
 
 def validated_metric(
@@ -115,11 +105,6 @@ def validated_metric(
     return _factorized(M)
 
 
-def balancing_exponents(diagonal: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """e with ¼ ≤ 4^eⱼ Mⱼⱼ < 1: units of the parameters that round nothing."""
-    return np.asarray(-((np.frexp(diagonal)[1].astype(np.int64) + 1) // 2))
-
-
 def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
     size = np.sqrt(M.diagonal())
     scaled = M / size / size[:, None]  # unit diagonal: units of single parameters decide nothing
@@ -132,7 +117,7 @@ def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
     symmetric = real_array("metric", M if (M == M.T).all() else 0.5 * M + 0.5 * M.T, 2)
     try:
         factor = np.linalg.cholesky(0.5 * scaled + 0.5 * scaled.T)
-        correction = _correction(symmetric, factor * size[:, None])
+        correction = _correction(symmetric, Whitening(factor * size[:, None]))
     except np.linalg.LinAlgError:
         factor, correction = np.zeros_like(scaled), None
     pivot = float(factor.diagonal().min()) ** 2
@@ -146,16 +131,16 @@ def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
     return symmetric, Whitening(factor, correction)
 
 
-def _correction(M: Float[np.ndarray, "n n"], factor: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"] | None:
+def _correction(M: Float[np.ndarray, "n n"], whitening: Whitening) -> Float[np.ndarray, "n n"] | None:
     """C of the module's head; LinAlgError where M is not positive definite, though its rounded factor is."""
-    units = balancing_exponents(M.diagonal())
-    M, R = np.ldexp(M, units + units[:, None]), np.ldexp(factor, units[:, None])
+    units, inverse = whitening.balanced
+    M, R = np.ldexp(M, units + units[:, None]), inverse.factor
     # 26 bits below 1, in rows of length 1: sums of their products are exact in whatever order.
     high = np.ldexp(np.rint(np.ldexp(R, 26)), -26)
     low = R - high
     mixed = high @ low.T
     missed = (M - high @ high.T) - (mixed + mixed.T) - low @ low.T
-    relative = _solved(R, _solved(R, missed, transposed=False).T, transposed=False)
+    relative = inverse.rows(inverse.rows(missed).T)
     if not np.isfinite(relative).all():
         raise np.linalg.LinAlgError
     if np.abs(relative).max() <= _NEGLIGIBLE:
@@ -165,11 +150,8 @@ def _correction(M: Float[np.ndarray, "n n"], factor: Float[np.ndarray, "n n"]) -
     return correction
 
 
-def _solved(
-    factor: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n *k"], *, transposed: bool
-) -> Float[np.ndarray, "n *k"]:
-    """L⁻¹ right, or L⁻ᵀ right."""
+@cache
+def _triangular() -> Any:
     from scipy.linalg import solve_triangular  # first use only: importing the package stays light
 
-    solution: np.ndarray = solve_triangular(factor, right, lower=True, trans=int(transposed), check_finite=False)
-    return solution
+    return solve_triangular

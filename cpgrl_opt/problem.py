@@ -113,20 +113,21 @@ class DirectionProblem:
         return self.copied()
 
     @classmethod
-    def trusted(cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask) -> "DirectionProblem":
+    def trusted(
+        cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask, radius: float | None = None
+    ) -> "DirectionProblem":
         """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         problem = object.__new__(cls)
         _set_fields(problem, gradient, jacobian, bound, equality)
-        vars(problem).update(is_long=is_long(*jacobian.shape))
+        vars(problem).update(is_long=is_long(*jacobian.shape), radius=radius)
         return problem
 
     def copied(self) -> "DirectionProblem":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
-        problem = DirectionProblem.trusted(*(array.copy() for array in _arrays(self)))
+        g, J, b, E = (array.copy() for array in _arrays(self))
+        problem = DirectionProblem.trusted(g, J, b, E, self.radius)
         if self.metric is not None:
             _set_metric(problem, *_copied_pair(self.metric, self.whitening))
-        if self.radius is not None:
-            object.__setattr__(problem, "radius", self.radius)
         return problem
 
     @cached_property
@@ -180,7 +181,7 @@ def euclidean(problem: DirectionProblem) -> DirectionProblem:
     if problem.whitening is None:
         return flat
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        g, J = problem.whitening.gradient(flat.gradient), problem.whitening.rows(flat.jacobian)
+        g, J = problem.whitening.rows(flat.gradient), problem.whitening.rows(flat.jacobian)
     return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
 
 
@@ -240,10 +241,12 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         jacobian: Float[np.ndarray, "B m n"],
         bound: Float[np.ndarray, "B m"],
         equality: Bool[np.ndarray, "B m"],
+        radius: Float[np.ndarray, "B"] | None = None,
     ) -> "ProblemBatch":
         """A batch of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         batch = object.__new__(cls)
         _set_fields(batch, gradient, jacobian, bound, equality)
+        vars(batch).update(radius=None if radius is None else read_only(radius))
         return batch
 
     @classmethod
@@ -328,10 +331,11 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
 
 
 def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
-    # Faster than four times object.__setattr__, in the way of every update of a training.
-    vars(frozen).update(
-        gradient=read_only(g), jacobian=read_only(J), bound=read_only(b), equality=read_only(is_equality)
-    )
+    # In the way of every update of a training, so without a call for each array.
+    arrays = g, J, b, E = g.view(), J.view(), b.view(), is_equality.view()
+    for array in arrays:
+        array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
+    vars(frozen).update(gradient=g, jacobian=J, bound=b, equality=E)
 
 
 def _arrays(of: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -77,7 +77,7 @@ def _distance(problem: DirectionProblem, direction: Direction, exact: ExactAnswe
     apart = direction.value - exact.direction
     if problem.radius is not None:
         return _length(problem, apart / problem.radius)
-    strength = problem.gradient if problem.whitening is None else problem.whitening.gradient(problem.gradient)
+    strength = problem.gradient if problem.whitening is None else problem.whitening.rows(problem.gradient)
     size = max(float(lengths(strength)), _length(problem, exact.direction)) or 1.0
     return _length(problem, direction.value / size - exact.direction / size)
 

@@ -93,25 +93,21 @@ def _climb(solver: Around, flat: DirectionProblem) -> Direction | None:
     """The answer of the compiled pass, where it has one."""
     if flat.radius is None or flat.is_long:
         return None
-    alone = ProblemBatch.trusted(*(getattr(flat, name)[None] for name in _ARRAYS))
-    vars(alone)["radius"] = np.array([flat.radius])
-    answers = solver.climb(alone)
+    alone = flat.gradient[None], flat.jacobian[None], flat.bound[None], flat.equality[None], np.array([flat.radius])
+    answers = solver.climb(ProblemBatch.trusted(*alone))
     return answers[0] if answers is not None and answers.status[0] == Status.OPTIMAL else None
 
 
 def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
     """As they are, without checks."""
     g, J, b, E = (np.stack([getattr(each, name) for each in flats]) for name in _ARRAYS)
-    batch = ProblemBatch.trusted(g, J, b, E)
-    if flats[0].radius is not None:
-        vars(batch)["radius"] = np.array([each.radius for each in flats])
-    return batch
+    return ProblemBatch.trusted(g, J, b, E, None if flats[0].radius is None else np.array([p.radius for p in flats]))
 
 
 def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction, tolerance: float) -> Direction:
     """What is claimed of the flat problem, as an answer to the problem itself; the referee's word stands."""
     kappa = float(getattr(answer, "radius_multiplier", 0.0))
-    value, multipliers = (np.asarray(each, dtype=np.float64) for each in (answer.value, answer.multipliers))
+    value, multipliers = np.asarray(answer.value, np.float64), np.asarray(answer.multipliers, np.float64)
     value, multipliers, kappa = flat.outside(value, multipliers, kappa)
     status, iterations = Status(answer.status), getattr(answer, "iterations", 0)
     if status == Status.UNSUPPORTED:

@@ -15,13 +15,14 @@ answer does not come out exact, or misses a bound, and the radius has no say in 
 Source: Rockafellar, Convex Analysis, §28 (κ); Best 1996, the path of parametric programs.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._violation import is_missed
 from ..arrays import Bool, Float, Multipliers, Vector
-from ..certify import misses_a_bound
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
@@ -34,8 +35,8 @@ from .polishing import nonnegative_weights, off_span
 from .small_problem import NEGLIGIBLE_BOUND, Core, SmallAnswer, SmallProblem, reduce_problem
 
 _EPS = float(np.finfo(np.float64).eps)
-# An error that ends the search.
-_EXACT = 1e-12
+# An error that ends the search; and one that nothing mends.
+_EXACT, _SHARP = 1e-12, 1e-14
 # ‖p‖ below this is what rounding leaves of 0.
 _NEGLIGIBLE = 1e-13
 # Rows this near to their bound may hold the shortest of several best points.
@@ -69,7 +70,8 @@ def solve_in_ball(core: Core, problem: DirectionProblem) -> Direction:
     if found.status != Status.INFEASIBLE:  # unit rows are rounded in coordinates: once more on the rows
         face = ball.small.equality | (found.multipliers > np.maximum(_slack(ball.small, lifted.point), 0.0))
         lifted = replace(lifted, error=_error(ball.small, lifted.point, lifted.multipliers, lifted.kappa))
-        lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
+        if lifted.error > _SHARP:
+            lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
         lifted = replace(lifted, status=found.status, iterations=found.iterations)
     return ball.outside(lifted)
 
@@ -132,7 +134,7 @@ def _search(core: Core, small: SmallProblem) -> BallAnswer:
     asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
     climbs = bool(small.center.any())
     found = _climb(core, small, _FEW_STEPS) if climbs else _shortest(small)
-    if asks and (found.error > _EXACT or misses_a_bound(as_problem(small), found.point)):
+    if asks and (found.error > _EXACT or is_missed(small.bound, _slack(small, found.point), small.equality)):
         missed = _find_miss(core, small)
         if missed is not None:
             return missed
@@ -183,7 +185,7 @@ def _candidates(small: SmallProblem, answer: SmallAnswer, t: float) -> Iterator[
 def _better(best: BallAnswer, candidate: BallAnswer) -> BallAnswer:
     """Of two the more exact; of two that are exact, the shorter."""
     if max(best.error, candidate.error) <= _EXACT:
-        return candidate if norm(candidate.point) < norm(best.point) else best
+        return candidate if candidate.point @ candidate.point < best.point @ best.point else best
     return candidate if candidate.error < best.error else best
 
 
@@ -203,7 +205,7 @@ def _on_face(small: SmallProblem, face: Bool[np.ndarray, "p"]) -> Iterator[BallA
     basis = Q, R, order = _basis(small.rows[face])
     q = Q @ solve_upper(R[:, : len(R)], small.bound[face][order[: len(R)]], transposed=True)
     p = off_span(Q, small.center)
-    length, room = norm(p), 1.0 - norm(q)
+    length, room = math.sqrt(p @ p), 1.0 - math.sqrt(q @ q)
     if length > _NEGLIGIBLE and room > 0.0:
         kappa = length / float(np.sqrt(room * (2.0 - room)))
         x, mu = q + p / kappa, _weights(small, face, basis, kappa * q - small.center)
@@ -221,9 +223,8 @@ def _weights(
     rows, inequality, (Q, R, order) = small.rows[face], ~small.equality[face], basis
     rank, target = len(R), Q.T @ force
     weights, chosen = np.zeros(len(rows)), order[:rank]
-    weights[chosen] = solve_upper(R[:, :rank], target)
-    # One step of refinement: nearly opposing rows have multipliers of 1e9.
-    weights[chosen] += solve_upper(R[:, :rank], Q.T @ (Q @ target - weights @ rows))
+    for _ in range(2):  # one step of refinement: nearly opposing rows have multipliers of 1e9
+        weights[chosen] += solve_upper(R[:, :rank], target - Q.T @ (weights @ rows))
     if rank < len(rows) and (weights[inequality] < 0.0).any():
         weights = nonnegative_weights(Q.T @ rows.T, target, ~inequality)
     multipliers = np.zeros(len(face))
@@ -240,11 +241,11 @@ def _basis(rows: Float[np.ndarray, "p n"]) -> tuple[np.ndarray, np.ndarray, np.n
 def _error(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> float:
     """The worst residual, as the referee has it in these units."""
     named = np.abs(small.bound[small.bound != 0.0])
-    size = norm(x)
+    rest, size = kappa * x - small.center - mu @ small.rows, math.sqrt(x @ x)
     unit = max(size, float(named.min(initial=1.0)))
-    pull, room, slack = kappa * unit, (1.0 - size) / unit, _slack(small, x) / unit
+    pull, room, slack = kappa * unit, (1.0 - size) / unit, (small.rows @ x - small.bound) / unit
     allowed = min(8 * _EPS * (float(np.abs(mu).sum()) + abs(pull)), 1e-5)
-    stationarity = norm(kappa * x - small.center - mu @ small.rows) - allowed
+    stationarity = math.sqrt(rest @ rest) - allowed
     rows = np.where(small.equality, np.abs(slack), np.abs(np.minimum(mu, slack)))  # of −slack and −μ too
     worst = max(stationarity, float(rows.max(initial=0.0)), abs(min(pull, room)))
     return worst if worst == worst else np.inf
@@ -256,8 +257,8 @@ def _slack(small: SmallProblem, x: Vector) -> Multipliers:
 
 def as_problem(small: SmallProblem) -> DirectionProblem:
     """The small problem as any other."""
-    arrays = (np.ascontiguousarray(each) for each in (small.center, small.rows, small.bound, small.equality))
-    return DirectionProblem.trusted(*arrays)
+    rows, bound = np.ascontiguousarray(small.rows), np.ascontiguousarray(small.bound)
+    return DirectionProblem.trusted(np.ascontiguousarray(small.center), rows, bound, small.equality)
 
 
 def _shortest(small: SmallProblem) -> BallAnswer:

@@ -163,7 +163,7 @@ def _as_gradient(problem: DirectionProblem, direction: Vector) -> Vector:
 def _gradient_difference(problem: DirectionProblem, other: ArrayLike) -> Vector:
     """g − h where M = I."""
     difference = problem.gradient - np.asarray(other, dtype=np.float64)
-    return difference if problem.whitening is None else problem.whitening.gradient(difference)
+    return difference if problem.whitening is None else problem.whitening.rows(difference)
 
 
 def _two_projections(

@@ -104,10 +104,7 @@ def test_the_factors_of_a_metric_are_the_metric_and_not_its_rounding():
     """RC(RC)ᵀ − M in exact rationals, where M = I."""
     for seed in range(3):
         problem = ill_conditioned(seed, 11)
-        M, R, C = (
-            rational(each)
-            for each in (problem.metric, problem.whitening.factor, problem.whitening.extended(0).correction)
-        )
+        M, R, C = (rational(each) for each in (problem.metric, problem.whitening.factor, problem.whitening.correction))
         L = R @ C
         missed = solved(M, M - L @ L.T).astype(float)
         assert np.abs(np.linalg.eigvals(missed)).max() <= 1e-10
