@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Mask, Multipliers, Vector
+from .arrays import Float, Mask, Multipliers, Vector
 from .flat import flatten
 from .problem import DirectionProblem
 from .scaling import norm, unit_rows
@@ -200,7 +200,7 @@ def _demanded(problem: DirectionProblem, lack: Violation) -> float:
     return largest(np.where(problem.equality, np.abs(lack.bound), lack.bound))
 
 
-def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Vector, float | None]:
+def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Float[np.ndarray, "k"], float | None]:
     """The problem, d and the radius where M = I; in a metric in units where numbers are about 1."""
     if problem.metric is None:
         return problem, d, problem.radius

@@ -74,15 +74,15 @@ class SpanFlat:
         """As it is."""
         return y
 
-    def inside(self, d: Vector) -> Vector:
+    def inside(self, d: Vector) -> Float[np.ndarray, "k"]:
         """x of d, and the length of what it has outside the span."""
         return self._coordinates(d, self.metric.times(d))
 
-    def outside(self, x: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
+    def outside(self, x: Float[np.ndarray, "k"], mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """d = Uᵀw."""
         return self._weights(x[:-1]) @ self.images, mu, kappa
 
-    def look(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Vector, Multipliers]:
+    def look(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[np.ndarray, np.ndarray, Multipliers]:
         """κMd − g − Jᵀμ and d in coordinates, by M itself, and Jd − b; NaN where M⁻¹ is not reached."""
         problem, Md = self.given, self.metric.times(d)
         force = kappa * Md - problem.gradient - mu @ problem.jacobian
@@ -90,7 +90,7 @@ class SpanFlat:
         rest = self._coordinates(z, force) if reached else np.full(len(self.basis) + 1, np.nan)
         return rest, self._coordinates(d, Md), problem.jacobian @ d - problem.bound
 
-    def _coordinates(self, d: Vector, Md: Vector) -> Vector:
+    def _coordinates(self, d: Vector, Md: Vector) -> Float[np.ndarray, "k"]:
         """L⁻¹Vd, and √(eᵀMe) of e = d − Uᵀw: dᵀMd − x·x would leave 1e-8 of rounding."""
         products = np.append(self.given.gradient @ d, self.given.jacobian @ d)[self.basis]
         x = np.linalg.solve(self.factor[self.basis], products / self.lengths[self.basis])

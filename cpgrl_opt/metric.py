@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Float, Int
+from .arrays import Float, Int, Number
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import ReadOnlyArrays, finite_array, read_only, real_array, require_shape
 
@@ -83,7 +83,7 @@ class Whitening(ReadOnlyArrays):
 
 
 def validated_metric(
-    metric: Any, n: int, tolerance: float = TOLERANCE, iterations: int = ITERATIONS
+    metric: Any, n: int, tolerance: Number = TOLERANCE, iterations: Number = ITERATIONS
 ) -> tuple[Any, Any]:
     """A read-only copy of M, (n,) positive or (n, n) symmetric positive definite, and its L; else ValueError.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Float, Vector
+from .arrays import Float, Number, Vector
 from .validation import require_count, require_number
 
 TOLERANCE, ITERATIONS = 1e-12, 1000
@@ -26,12 +26,9 @@ class OperatorMetric:
     """
 
     def __init__(
-        self, product: Callable[[Any], Any], n: int, tolerance: float = TOLERANCE, iterations: int = ITERATIONS
+        self, product: Callable[[Any], Any], n: int, tolerance: Number = TOLERANCE, iterations: Number = ITERATIONS
     ) -> None:
-        require_number("metric_tolerance", tolerance)
-        if not 1e-15 <= tolerance <= 1e-3:
-            raise ValueError(f"metric_tolerance should be between 1e-15 and 1e-3; found {tolerance!r}")
-        require_count("metric_iterations", iterations)
+        require_limits(tolerance, iterations)
         self.product, self.n, self.tolerance, self.iterations = product, n, float(tolerance), int(iterations)
         shape = getattr(product, "shape", (n, n))
         if tuple(shape) != (n, n):
@@ -71,6 +68,14 @@ class OperatorMetric:
             if _norm(rest) <= goal:
                 return x * unit, True
         return x * unit, False
+
+
+def require_limits(tolerance: Number, iterations: Number) -> None:
+    """ValueError for what is no tolerance or no number of products."""
+    require_number("metric_tolerance", tolerance)
+    if not 1e-15 <= tolerance <= 1e-3:
+        raise ValueError(f"metric_tolerance should be between 1e-15 and 1e-3; found {tolerance!r}")
+    require_count("metric_iterations", iterations)
 
 
 def _norm(vector: Float[np.ndarray, "n"]) -> float:

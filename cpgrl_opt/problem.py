@@ -61,8 +61,8 @@ class DirectionProblem:
         metric: ArrayLike | Callable[[Any], Any] | None = None,
         radius: Number | None = None,
         *,
-        metric_tolerance: float = TOLERANCE,
-        metric_iterations: int = ITERATIONS,
+        metric_tolerance: Number = TOLERANCE,
+        metric_iterations: Number = ITERATIONS,
     ) -> None:
         vectors = view_long_vectors(gradient, jacobian)
         if vectors is None:
@@ -213,8 +213,8 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         metric: ArrayLike | Callable[[Any], Any] | None = None,
         radius: ArrayLike | None = None,
         *,
-        metric_tolerance: float = TOLERANCE,
-        metric_iterations: int = ITERATIONS,
+        metric_tolerance: Number = TOLERANCE,
+        metric_iterations: Number = ITERATIONS,
     ) -> None:
         g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 2)
         vars(self).update(gradient=g, jacobian=J, bound=b, equality=E)

@@ -15,6 +15,8 @@ from .arrays import ArrayLike, Bool, Float
 from .formulation import FORMULATIONS
 from .linearization import Linearization
 from .metric import Whitening
+from .metric_operator import OperatorMetric
+from .step_in_metric import step_in_operator_metric
 from .step_in_span import step_in_span
 from .step_result import StepResult, empty_proof, stack_results, usual_result
 from .step_settings import DROP_RULES, ON_FAILURE, Observer, StepSettings
@@ -46,8 +48,10 @@ class ConstrainedStep(StepSettings):
         metric's where there is one). Where rows depend, J⁺ answers by least squares and may be much shorter than the v
         of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone`, and in `restoring` and `linearized`, where that v is
         inside. `linearized` asks so much less of the constraints that are violated; J are their rows alone. Ours.
-    metric M: (n,) positive or (n, n) symmetric positive definite: s, v and their lengths are taken in it (a natural
-        gradient where M is the Fisher matrix). It asks nothing of the solver: the gradients are taken to the
+    metric M: (n,) positive, (n, n) symmetric positive definite, or a function v ↦ Mv: s, v and their lengths are taken
+        in it (a natural gradient where M is the Fisher matrix). metric_tolerance, metric_iterations: of M⁻¹ by
+        conjugate gradients where M is a function, as in `DirectionProblem`; a run for which they are not enough is
+        counted `skipped`. It asks nothing of the solver: the gradients are taken to the
         coordinates where M = I, whatever follows is Euclidean there, and the change is brought back.
     radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹ projected. To the solver's tolerance
         ‖change‖_M ≤ α₁ radius with `restoring` and `linearized`. With `equality` and `cone` α₁ s alone is as short:
@@ -80,13 +84,27 @@ class ConstrainedStep(StepSettings):
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
         active = self._active(slack, previous)
-        whitening = self._whitening  # other ways to M⁻¹ find their own coordinates here, as `step_in_span` does
+        m, n = linearization.gradients.shape[-2] - 1, linearization.gradients.shape[-1]
+        if callable(self.metric):
+            raises, operator = self.on_failure == "raise", self._operator(n)
+            vectors = linearization.gradients, slack, active
+            results = step_in_operator_metric(self._on_rows, *vectors, operator, observe, raises=raises)
+            return stack_results(results, slack.shape[:-1], n, m) if slack.ndim > 1 else results[0]
+        whitening = self._whitening
         if whitening is None:
             return self._where_identity(linearization, slack, active, observe)
-        n = linearization.gradients.shape[-1]
         require_shape("metric", self.metric, (n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
         result = self._where_identity(linearization.whitened(whitening), slack, active, observe)
         return replace(result, change=_original(whitening, result.change))
+
+    def _operator(self, n: int) -> OperatorMetric:
+        """Of n parameters, which only a linearization tells; looked at once."""
+        known: OperatorMetric | None = vars(self).get("_operator_metric")
+        if known is None or known.n != n:
+            limits = float(self.metric_tolerance), int(self.metric_iterations)
+            known = OperatorMetric(self.metric, n, *limits)  # type: ignore[arg-type]
+            vars(self)["_operator_metric"] = known
+        return known
 
     def _where_identity(
         self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None

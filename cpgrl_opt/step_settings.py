@@ -13,6 +13,7 @@ from .direction import DirectionBatch
 from .drop_rule import NEGLIGIBLE
 from .formulation import FORMULATIONS
 from .metric import Whitening, validated_metric
+from .metric_operator import ITERATIONS, TOLERANCE, require_limits
 from .problem import ProblemBatch
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, solver_named, tolerance_of
 from .validation import (
@@ -48,8 +49,10 @@ class StepSettings(ReadOnlyArrays):
     ridge: Number = 0.0
     max_restoration: Number = np.inf
     on_failure: str = "fallback"
-    metric: ArrayLike | None = field(default=None, compare=False)
+    metric: ArrayLike | Callable[[Any], Any] | None = field(default=None, compare=False)
     radius: Number | None = None
+    metric_tolerance: Number = TOLERANCE
+    metric_iterations: Number = ITERATIONS
     _metric_bytes: bytes = field(default=b"", init=False, repr=False)  # by which steps compare and hash
 
     def __post_init__(self) -> None:
@@ -66,7 +69,10 @@ class StepSettings(ReadOnlyArrays):
                 f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
                 "cpgrl_opt.WithGeometry(solver)"
             )
-        if self.metric is not None:
+        require_limits(self.metric_tolerance, self.metric_iterations)
+        if callable(self.metric):
+            vars(self).update(_whitening=None, _metric_bytes=str(id(self.metric)).encode())
+        elif self.metric is not None:
             metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
             vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
         vars(self)["_direct"] = self._usual_way()

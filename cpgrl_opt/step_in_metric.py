@@ -1,0 +1,53 @@
+"""Steps in an operator's metric: each run in the few coordinates of its own gradients, which `flat_span` finds.
+
+Rows that are not active cost no product: their coordinates are 0.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .direction import DirectionError, Status
+from .flat_span import SpanFlat
+from .metric_operator import OperatorMetric
+from .problem import DirectionProblem
+from .step_result import COUNTS, StepResult
+
+
+def step_in_operator_metric(
+    on_rows: Callable[..., StepResult],
+    gradients: np.ndarray,
+    slack: np.ndarray,
+    active: np.ndarray,
+    metric: OperatorMetric,
+    observe: Any,
+    *,
+    raises: bool,
+) -> list[StepResult]:
+    """A `StepResult` for each run; skipped where M⁻¹ is not reached, or DirectionError where that raises."""
+    found = []
+    for run in np.ndindex(slack.shape[:-1]):
+        g, J = np.ascontiguousarray(gradients[run][0]), np.ascontiguousarray(gradients[run][1:])
+        bound = np.where(active[run], 0.0, -np.inf)
+        problem = DirectionProblem.trusted(g, J, bound, np.zeros(len(bound), np.bool_))
+        vars(problem).update(metric=metric.product, whitening=metric)
+        span = SpanFlat.of(problem)
+        if span.failure is not None:
+            if raises:
+                raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")
+            found.append(_skip(len(g), slack[run], active[run]))
+            continue
+        flat = span.problem
+        result = on_rows(np.vstack([flat.gradient, flat.jacobian]), slack[run], active[run], observe)
+        change = span.outside(result.change, slack[run], 0.0)[0]
+        found.append(replace(result, change=change, predicted_slack=slack[run] + J @ change))
+    return found
+
+
+def _skip(n: int, slack: np.ndarray, active: np.ndarray) -> StepResult:
+    """A run that stays where it is."""
+    counts = {name: np.array(name == "skipped", np.int64) for name in COUNTS}
+    unknown = np.full(4, np.nan)
+    return StepResult(np.zeros(n), active, np.array(False), counts, np.zeros(len(slack)), unknown, slack.copy())
