@@ -50,8 +50,8 @@ class Evidence:
 
 def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
     """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
-    if problem.metric is None and problem.radius is None and problem.is_long:
-        yield from _look_in_passes(problem, d, mu)
+    if problem.metric is None and problem.is_long:
+        yield from _look_in_passes(problem, d, mu, kappa)
     if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
         return
     if problem.metric is None:
@@ -66,22 +66,26 @@ def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa
     yield _look_closely(flat, d, mu, kappa)
 
 
-def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers) -> Iterator[Evidence]:
+def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
     """Over the vectors as they are; at nothing where a square leaves float64."""
-    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu)
+    lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu, kappa)
     sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
     sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
     if _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]:
-        yield read_certificate(certificate, problem, mu, lengths)
+        yield read_certificate(certificate, problem, mu, kappa, lengths)
 
 
 def read_certificate(
-    certificate: Certificate, problem: DirectionProblem, mu: Multipliers, lengths: Float[np.ndarray, "channels"]
+    certificate: Certificate,
+    problem: DirectionProblem,
+    mu: Multipliers,
+    kappa: float,
+    lengths: Float[np.ndarray, "channels"],
 ) -> Evidence:
     """Of long vectors; lengths: of g and of each row."""
     rows = UnitRows(np.empty((problem.m, 0)), lengths[1:], np.ones(problem.m))
     bound, slack = rows.per_length(problem.bound), rows.per_length(certificate.products - problem.bound)
-    return Evidence(problem, mu, 1.0, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
+    return Evidence(problem, mu, kappa, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 
 
 def _look(flat: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, rows: UnitRows) -> Evidence:

@@ -158,6 +158,7 @@ def certified_residuals(
     problem: DirectionProblem,
     multipliers: Multipliers,
     lengths: Float[np.ndarray, "channels"],
+    kappa: float = 1.0,
 ) -> KKTResiduals:
     """The residuals of a certificate; infinite where a number leaves float64, or μ is too large to tell.
 
@@ -166,7 +167,8 @@ def certified_residuals(
     off.
     """
     is_off = np.append(False, problem.bound == -np.inf)  # a multiplier there is wrong, whatever the row
-    seen = read_certificate(certificate, problem, multipliers, np.where(is_off & (lengths == 0.0), 1.0, lengths))
+    lengths = np.where(is_off & (lengths == 0.0), 1.0, lengths)
+    seen = read_certificate(certificate, problem, multipliers, kappa, lengths)
     return _measure(seen, doubtful=_ALLOWED) or _HOPELESS
 
 

@@ -8,6 +8,7 @@ with M itself. Source: Golub & Van Loan, Matrix Computations, §4.2 (whitening b
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..problem import DirectionProblem, ProblemBatch, needs_the_metric_itself
 from .infeasibility import infeasible_direction
 from .interface import unsupported
 from .small_problem import SmallAnswer, SmallProblem
+from .span import solve_in_span
 from .trust_region import as_problem, as_small, solve_in_ball
 
 _ARRAYS = ("gradient", "jacobian", "bound", "equality")
@@ -53,17 +55,25 @@ class Around(Protocol):
 
 def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
     """The answer to a problem with a metric, a radius or both."""
+    if problem.metric is None and problem.is_long:
+        return solve_in_span(partial(_solve_whole, solver), problem, solver.tolerance, is_exact=False)
+    return _solve_whole(solver, problem)
+
+
+def _solve_whole(solver: Around, problem: DirectionProblem) -> Direction:
+    """In all n parameters, but where the metric leaves a long problem in a ball."""
     if problem.metric is None and (quick := _climb(solver, problem)) is not None:
         return quick
     flat = flatten(problem)
     if flat.failure is not None:
         return Direction.nothing(problem.n, problem.m, flat.failure)
     if problem.radius is None:
-        solve = solver.solve if flat.problem.is_long else solver.solve_rows
-        return _bring_back(problem, flat, solve(flat.problem), solver.tolerance)
-    found = None if problem.metric is None else _climb(solver, flat.problem)
-    found = found or solve_in_ball(solver.solve_small, flat.problem)
-    found = _bring_back(problem, flat, found, solver.tolerance)
+        answer = (solver.solve if flat.problem.is_long else solver.solve_rows)(flat.problem)
+        return _bring_back(problem, flat, answer, solver.tolerance)
+    quick = None
+    if problem.metric is not None:
+        quick = solve_in_geometry(solver, flat.problem) if flat.problem.is_long else _climb(solver, flat.problem)
+    found = _bring_back(problem, flat, quick or solve_in_ball(solver.solve_small, flat.problem), solver.tolerance)
     if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR):
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
@@ -91,7 +101,7 @@ def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> Direction
 
 def _climb(solver: Around, flat: DirectionProblem) -> Direction | None:
     """The answer of the compiled pass, where it has one."""
-    if flat.radius is None or flat.is_long:
+    if flat.is_long:
         return None
     alone = flat.gradient[None], flat.jacobian[None], flat.bound[None], flat.equality[None], np.array([flat.radius])
     answers = solver.climb(ProblemBatch.trusted(*alone))

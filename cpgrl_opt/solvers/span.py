@@ -23,9 +23,10 @@ _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherw
 def solve_in_span(
     solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float, *, is_exact: bool
 ) -> Direction:
-    """The problem in coordinates, by `solve`; mapped back, and certified at the tolerance. M = I, no radius.
+    """The problem in coordinates, by `solve`; mapped back, and certified at the tolerance. M = I.
 
-    is_exact: `solve` is the exact core, so that the usual problem needs no coordinates.
+    solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
+    then the usual problem needs no coordinates.
     """
     if is_exact and "gramian" in RUNGS and (usual := solve_by_gramian(problem, tolerance)) is not None:
         return usual
@@ -34,12 +35,14 @@ def solve_in_span(
         small = coordinates(vectors, on, rung)
         if small is None:
             continue
-        reduced = DirectionProblem.trusted(small.gradient, small.jacobian, problem.bound, problem.equality)
+        given = small.gradient, small.jacobian, problem.bound, problem.equality
+        reduced = DirectionProblem.trusted(*given, problem.radius)
         found = solve(reduced)
         if found.status == Status.OPTIMAL:
+            kappa = 1.0 if problem.radius is None else found.radius_multiplier
             for weights, multipliers in _recoveries(small, problem, found):
-                value, certificate = vectors.combine(weights, multipliers)
-                residuals = certified_residuals(certificate, problem, multipliers, small.lengths)
+                value, certificate = vectors.combine(weights, multipliers, kappa)
+                residuals = certified_residuals(certificate, problem, multipliers, small.lengths, kappa)
                 worst = residuals.worst
                 if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
                     return replace(found, value=value, multipliers=multipliers, rung=rung, residuals=residuals)
@@ -48,12 +51,14 @@ def solve_in_span(
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
             if small.holds(found.value, certificate, unit):
                 return replace(found, value=value, rung=rung)
-    return replace(solve(without_geometry(problem)), rung="rows")
+    rows = without_geometry(problem)
+    whole = DirectionProblem.trusted(rows.gradient, rows.jacobian, rows.bound, rows.equality, problem.radius)
+    return replace(solve(whole), rung="rows")
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:
     """Weights and multipliers: refined on the face that the answer names (pairs only), then as they are."""
-    if small.rung == RUNGS[-1]:
+    if small.rung == RUNGS[-1] and problem.radius is None:  # in a ball the face alone does not say where d ends
         weights = small.refine(found.multipliers, problem.bound)
         yield weights, weights.hi[1:]
     yield small.weights(found.value), found.multipliers

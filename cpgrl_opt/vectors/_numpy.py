@@ -78,10 +78,12 @@ class ArrayVectors:
         """In one pass over that vector."""
         return not (self.gradient if index == 0 else self.jacobian[index - 1]).any()
 
-    def combine(self, weights: Pair, multipliers: Multipliers) -> tuple[Vector, Certificate]:
+    def combine(self, weights: Pair, multipliers: Multipliers, kappa: float = 1.0) -> tuple[Vector, Certificate]:
         """d of float64, in one pass with its certificate."""
-        d, sums = self._combine(weights.hi, weights.lo, np.append(1.0, multipliers), bool(weights.lo.any()))
-        return d, _certificate(sums)
+        scale = kappa or 1.0
+        forces = np.append(1.0, multipliers) / scale
+        d, sums = self._combine(weights.hi, weights.lo, forces, bool(weights.lo.any()))
+        return d, self._certificate(sums, multipliers, kappa)
 
     def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Vector, Float[np.ndarray, "k"]]:
         """d = Vᵀ(1, μ) in one pass, and r·r, J d, d·d."""
@@ -92,11 +94,20 @@ class ArrayVectors:
         _blocks().combine(self._where, len(d), weights, more, forces, in_pairs, d, sums)
         return d, sums
 
-    def certificate(self, direction: Vector, multipliers: Multipliers) -> Certificate:
-        """In one pass."""
-        d, forces, sums = np.ascontiguousarray(direction), np.append(1.0, multipliers), np.empty(2 + len(multipliers))
-        _blocks().measure(self._where, len(self.gradient), d, forces, sums)
-        return _certificate(sums)
+    def certificate(self, direction: Vector, multipliers: Multipliers, kappa: float = 1.0) -> Certificate:
+        """In one pass; in two where κ = 0."""
+        d, forces = np.ascontiguousarray(direction), np.append(1.0, multipliers) / (kappa or 1.0)
+        sums = np.empty(1 + len(forces))
+        _blocks().measure(self._where, len(d), d, forces, sums)
+        return self._certificate(sums, multipliers, kappa)
+
+    def _certificate(self, sums: np.ndarray, multipliers: Multipliers, kappa: float) -> Certificate:
+        """Of κ times the rest d − (g + Jᵀμ)/κ; where κ = 0 the rest is that of d = 0."""
+        if kappa == 0.0:
+            rest = self.certificate(np.zeros(self.gradient.shape), multipliers).rest
+        else:
+            rest = abs(kappa) * math.sqrt(sums[0])
+        return Certificate(rest, sums[1:-1], math.sqrt(sums[-1]))
 
     def _square(self) -> np.ndarray:
         count = 1 + len(self.jacobian)
@@ -115,8 +126,3 @@ class ArrayVectors:
             (start, step), to_next = places.pop(), J.strides[0]
             places += [(start + i * to_next, step) for i in range(len(J))]
         return np.array(places, np.int64)
-
-
-def _certificate(sums: np.ndarray) -> Certificate:
-    rest, length = np.sqrt(sums[[0, -1]]).tolist()
-    return Certificate(rest, sums[1:-1], length)

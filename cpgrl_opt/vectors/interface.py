@@ -19,7 +19,7 @@ from ..compensated import Pair
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What the referee needs of a direction d: ‖d − g − Jᵀμ‖, J d (m,) and ‖d‖."""
+    """What the referee needs of a direction d: ‖κd − g − Jᵀμ‖, J d (m,) and ‖d‖; κ = 1 without a ball."""
 
     rest: float
     products: Float[np.ndarray, "m"]
@@ -54,10 +54,12 @@ class Vectors(Protocol):
         """Whether vᵢ = 0, and not only its square."""
         ...
 
-    def combine(self, weights: Pair, multipliers: Float[np.ndarray, "m"]) -> tuple[Any, Certificate]:
+    def combine(
+        self, weights: Pair, multipliers: Float[np.ndarray, "m"], kappa: float = 1.0
+    ) -> tuple[Any, Certificate]:
         """d = Σ wᵢvᵢ in this kind of vectors, and its certificate with μ; in pairs where weights.lo has any ≠ 0."""
         ...
 
-    def certificate(self, direction: Any, multipliers: Float[np.ndarray, "m"]) -> Certificate:
+    def certificate(self, direction: Any, multipliers: Float[np.ndarray, "m"], kappa: float = 1.0) -> Certificate:
         """Of a d that somebody else made."""
         ...

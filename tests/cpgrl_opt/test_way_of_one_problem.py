@@ -6,10 +6,11 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+import pytest
 
 import cpgrl_opt
 from cpgrl_opt import SOLVERS, DirectionProblem
-from cpgrl_opt.solvers import compile_kernels
+from cpgrl_opt.solvers import compile_kernels, is_installed
 
 OURS = str(Path(cpgrl_opt.__file__).parent)
 
@@ -38,3 +39,24 @@ def test_a_plain_solve_passes_four_functions() -> None:
     problem = DirectionProblem(rng.normal(size=9), rng.normal(size=(3, 9)))
     solver.solve(problem)
     assert functions_passed(lambda: solver.solve(problem)) == ["solve", "solve_rows", "project", "found"]
+
+
+# As measured, with a little room: what stands in docs/architecture.md.
+@pytest.mark.parametrize(
+    ("solver", "geometry", "most"),
+    [
+        ("active-set", {"radius": 0.5}, 15),
+        ("active-set", {"metric": np.arange(1.0, 10.0)}, 25),
+        ("active-set", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 60),
+        ("quadprog", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 110),
+    ],
+)
+def test_a_metric_and_a_ball_are_a_few_functions_more(solver: str, geometry: dict[str, Any], most: int) -> None:
+    if not is_installed(SOLVERS[solver]):
+        pytest.skip(f"{solver} is not installed")
+    compile_kernels(thorough=False)
+    rng = np.random.default_rng(0)
+    g, J = rng.normal(size=9), rng.normal(size=(3, 9))
+    SOLVERS[solver].solve(DirectionProblem(g, J, 0.1, **geometry))
+    problem = DirectionProblem(g, J, 0.1, **geometry)
+    assert len(functions_passed(lambda: SOLVERS[solver].solve(problem))) <= most
