@@ -272,20 +272,12 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
             object.__setattr__(batch, "radius", read_only(np.array(radii)))
         return batch
 
-    def in_geometry(
-        self, metric: ArrayLike | None, radius: Number | None, whitening: Whitening | None = None
-    ) -> "ProblemBatch":
-        """The same problems, all in one metric, (n,) or (n, n), and in balls of one radius; None for neither.
-
-        whitening: of the metric, where it was validated before.
-        """
-        batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality)
+    def in_geometry(self, metric: ArrayLike | Callable[[Any], Any] | None, radius: Number | None) -> "ProblemBatch":
+        """The same problems, all in one metric, (n,), (n, n) or a function, and in balls of one radius; None: neither."""
+        radii = None if radius is None else check_radii(radius, len(self))
+        batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality, radii)
         if metric is not None:
-            pair = validated_metric(metric, self.gradient.shape[1]) if whitening is None else (metric, whitening)
-            _set_metrics(batch, [pair] * len(self))
-        if radius is not None:
-            require_positive("radius", radius)
-            object.__setattr__(batch, "radius", read_only(np.full(len(self), radius, np.float64)))
+            _set_metrics(batch, [validated_metric(metric, self.gradient.shape[1])] * len(self))
         return batch
 
     def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
