@@ -273,7 +273,7 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         return batch
 
     def in_geometry(self, metric: ArrayLike | Callable[[Any], Any] | None, radius: Number | None) -> "ProblemBatch":
-        """The same problems, all in one metric, (n,), (n, n) or a function, and in balls of one radius; None: neither."""
+        """The same problems, all in one metric, (n,), (n, n) or a function, and in balls of one radius."""
         radii = None if radius is None else check_radii(radius, len(self))
         batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality, radii)
         if metric is not None:
