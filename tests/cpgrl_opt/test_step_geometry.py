@@ -179,7 +179,7 @@ def test_the_drop_rule_ends_at_the_cone_projection_in_the_metric():
         ({"metric": [[1.0, 2.0], [2.0, 1.0]]}, "metric should be positive definite"),
         ({"metric": [1.0, -1.0]}, "metric should have positive"),
         ({"metric": [[1.0, 2.0], [0.0, 5.0]]}, "metric should be symmetric"),
-        ({"metric": 2.0}, r"metric should be None, \(n,\) or \(n, n\)"),
+        ({"metric": 2.0}, r"metric should be None, \(n,\), \(n, n\) or a function"),
         ({"radius": 0.0}, "radius should be a finite number > 0; found 0.0"),
         ({"radius": np.inf}, "radius should be a finite number > 0"),
     ],
