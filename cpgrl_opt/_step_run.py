@@ -77,8 +77,8 @@ class StepRun:
         constraints = constraints.demands(float(settings.restoration_rate))
         tangent, restoration = self.solve(constraints, np.arange(len(constraints.target)))
         still, any_still = self.at_rest(tangent.value, constraints)
-        if self.takes_all:
-            still &= self.counts["infeasible"] == 0  # no KKT point
+        if FORMULATIONS[settings.formulation].restores_inside and self._counts is not None:
+            still &= self.counts["infeasible"] == 0  # where nothing meets the constraints, 0 is no KKT point
         if settings.formulation == "equality" and (any_still or settings.drop == "always"):
             if settings.drop == "never":
                 still[still] = ~has_positive_multipliers(constraints.rows(still))

@@ -7,7 +7,7 @@ from .solver_cases import cases
 
 # What a step counts (cpgrl_opt.StepResult).
 _EVENTS = {
-    "infeasible": "subproblems that no direction meets, their gradients being dependent (least violation taken)",
+    "infeasible": "subproblems that no direction meets (least violation taken)",
     "fallback": "subproblems handed to active-set",
     "skipped": "updates left out for want of a certified direction",
     "dropped": "constraints dropped (§2.3)",

@@ -23,7 +23,7 @@ _MEASURES = (
     ("early_violation", "outside, first", ".4f"),
     ("violation", "outside, last", ".4f"),
     ("length", "steps", ".1f"),
-    ("constrained", "ridge acts", ".3f"),
+    ("constrained", "constrained", ".3f"),
     ("capped", "shortened", ".3f"),
     ("infeasible", "infeasible", ".3f"),
     ("uncertified", "uncertified", ".3g"),
@@ -31,8 +31,9 @@ _MEASURES = (
 _LEGEND = (
     "Mean ± standard deviation over the runs. Touches per 100 of the last episodes by object, time-outs under none. "
     "Outside: share of steps outside the box of r², in the first and in the last episodes. Steps: mean length of the "
-    "last episodes. Per update: ridge acts (a constraint is active), restorations shortened, subproblems without a "
-    "solution (least violation taken), answers without certificate (active-set took over, or θ stayed)."
+    "last episodes. Per update: constrained (a constraint is active, and the ridge acts; under linearized, which has "
+    "none, a constraint has a multiplier), restorations shortened, subproblems without a solution (least violation "
+    "taken), answers without certificate (active-set took over, or θ stayed)."
 )
 
 
@@ -40,8 +41,8 @@ def measured(curves: TouchCurves, outcome: Outcome) -> Float[np.ndarray, "R meas
     """A row for each run: touches per 100 of the last episodes, then _MEASURES.
 
     violation: share of steps outside the box, in the first and in the last episodes; length: mean of the last ones.
-    constrained, capped, infeasible, uncertified: per update, how often the ridge acted, the restoration was shortened,
-    a subproblem had no solution, an answer came without certificate (active-set took over, or θ stayed).
+    constrained, capped, infeasible, uncertified: per update, how often a constraint was active, the restoration was
+    shortened, a subproblem had no solution, an answer came without certificate (active-set took over, or θ stayed).
     """
     late, updates = curves.late(), outcome.episode
     counts = outcome.counts

@@ -229,3 +229,21 @@ def test_a_step_does_not_care_how_its_arrays_lie_in_memory(runs, order):
     right = step(Linearization(values, gradients), thresholds)
     found = step(Linearization(order(values), order(gradients)), thresholds)
     assert found.change.tobytes() == right.change.tobytes()
+
+
+def test_a_step_that_was_pickled_before_it_had_a_slack_fraction_still_steps():
+    """Its state is what pickle hands back: no slack_fraction, and a geometry that it no longer has."""
+    step = ConstrainedStep(formulation="cone", step_size=0.1)
+    state = {name: value for name, value in vars(step).items() if name != "slack_fraction"}
+    old = object.__new__(ConstrainedStep)
+    old.__setstate__({**state, "_geometry": None})
+    np.testing.assert_array_equal(old(LINEARIZATION, THRESHOLDS).change, step(LINEARIZATION, THRESHOLDS).change)
+    assert old.slack_fraction == 1.0
+
+
+@pytest.mark.parametrize("settings", [{}, {"metric": [1.0, 2.0, 3.0]}, {"radius": 0.5, "formulation": "linearized"}])
+def test_a_pickled_step_makes_the_same_step(settings):
+    step = ConstrainedStep(**settings)
+    again = pickle.loads(pickle.dumps(step))
+    assert again == step
+    np.testing.assert_array_equal(again(LINEARIZATION, THRESHOLDS).change, step(LINEARIZATION, THRESHOLDS).change)

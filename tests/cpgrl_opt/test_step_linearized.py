@@ -144,10 +144,11 @@ def test_what_violates_least_and_meets_the_others_stays_as_it_is():
     assert recover(problem, SOLVERS["active-set"].solve(problem).value) is None
 
 
-def test_no_step_is_called_stationary_because_its_rows_contradict_each_other():
+@pytest.mark.parametrize("formulation", ["restoring", "linearized"])
+def test_no_step_is_called_stationary_because_its_rows_contradict_each_other(formulation):
     """d = 0 violates least, and Δ¹ = 0 beside it."""
     opposed = Linearization([0.0, -1.0, -1.0], [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
-    result = full()(opposed, [0.0, 0.0])
+    result = full(formulation=formulation)(opposed, [0.0, 0.0])
     assert not result.change.any()
     assert result.counts["infeasible"] == 1
     assert not result.stationary
