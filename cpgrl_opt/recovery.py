@@ -8,8 +8,8 @@ d = 0 meets S, so that V can always give way alone. What finds v has a weight κ
     (d, w) = argmin ½‖d − c‖² + ½‖w‖²   s.t.  Ĵ_V d + √κ w ≥ b̂_V,   Ĵ_S d ≥ b̂_S,        v = √κ w
 
 and its multipliers μ have Ĵᵀμ = d − c. Without a ball c ← d for a small κ, until v stays: then y = κμ is a Farkas
-vector, y_V = v, Ĵᵀy = 0. In a ball that the shortest such d is too long for, c = 0, and κ is the ball's multiplier:
-‖d‖, which falls with κ, is the radius, and b̂ᵀy = ‖v‖² + radius ‖Ĵᵀy‖.
+vector, y_V = v, Ĵᵀy = 0. In a ball that is too small for d with c = 0 and κ → 0, κ is its multiplier: ‖d‖, which falls
+with κ, is the radius, and b̂ᵀy = ‖v‖² + radius ‖Ĵᵀy‖.
 Source: Rockafellar 1976, Monotone operators and the proximal point algorithm; Moré & Sorensen 1983 for the ball.
 """
 
@@ -34,7 +34,9 @@ _STAYS = 1e-13  # change of v, in units of the largest b̂_V, that is rounding
 # that it does not violate.
 _MET = 1e-12
 _ROUNDING = 8 * float(np.finfo(np.float64).eps)  # of b̂ − Ĵd, for d of length 1
-_LEAST_WEIGHT, _FARTHER = 1e-13, 64.0  # where the search for a ball's κ ends, and its first steps
+# A ball is in the way where d of this κ is longer than its radius. With 1e-7 rows that are 1e-6 rad from opposing, and
+# met far away, are taken for met nowhere, and d stops short of the sphere; with 1e-15 soft rows lie 4e-8 rad apart.
+_LEAST_WEIGHT = 1e-13
 
 
 class Recovered(NamedTuple):
@@ -91,13 +93,11 @@ def recover(problem: DirectionProblem, found: Vector) -> Recovered | None:
 
 
 def _least_violation(rows: _Rows, gradient: Vector, radius: float) -> tuple[Vector, Float[np.ndarray, "p"]]:
+    if norm(rows.soften(_LEAST_WEIGHT, np.zeros_like(gradient))[0]) > radius:
+        return _on_sphere(rows, radius)
     d, y = _approach(rows)
     rounding = _ROUNDING * max(1.0, norm(d))  # which would else be all that rows which oppose each other ask for
     given = np.where(rows.gives, rows.bound - rows.violation(d) - rounding, rows.bound)
-    if radius < math.inf:
-        shortest = _nearest(rows, given, np.zeros_like(gradient), None)
-        if norm(d if shortest is None else shortest) > radius:
-            return _on_sphere(rows, radius)
     nearest = _nearest(rows, given, gradient, None if radius == math.inf else radius)
     return (d if nearest is None else nearest), y
 
@@ -133,9 +133,6 @@ def _on_sphere(rows: _Rows, radius: float) -> tuple[Vector, Float[np.ndarray, "p
 
     # ½κ‖d‖² ≤ ½‖b̂_V‖², which d = 0 has.
     high = 2.0 * math.log(norm(rows.bound[rows.gives]) / radius) + 1.0
-    low = high
-    while excess(low) < 0.0 and low > math.log(_LEAST_WEIGHT):
-        low -= math.log(_FARTHER)
-    weight = math.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15) if excess(low) > 0.0 else low)
-    d, y = rows.soften(weight, center)
-    return d * min(1.0, radius / norm(d)), y
+    low = math.log(_LEAST_WEIGHT)
+    d, y = rows.soften(math.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15)), center)
+    return d * min(1.0, radius / norm(d)), y  # by rounding beside large b̂_V it may be 1e-12 outside

@@ -139,6 +139,40 @@ def test_the_others_are_met_before_anything_is_shared():
     np.testing.assert_allclose(full(radius=0.1)(linearization, [0.0, 0.0]).change, [0.1], rtol=1e-9)
 
 
+@pytest.mark.parametrize("seed", [4, 30, 50, 79])
+def test_what_rounding_leaves_of_opposing_rows_keeps_no_direction_from_climbing(seed):
+    """Rows a and −a, of which the first gives way: b̂ − v is −1e-16 or 1e-16, and 1e-16 is met by nothing."""
+    linearization = drawn(seed, 3, 4, "opposed")
+    result = full(slack_fraction=0.0, radius=1.0)(linearization, np.zeros(3))
+    require_recovery(
+        linearization.jacobian, linearization.values[1:], 0.0, linearization.objective_gradient, result.change, 1.0
+    )
+    assert np.linalg.norm(result.change) == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", [799, 2047])
+def test_a_recovery_does_not_leave_the_ball_by_rounding(seed):
+    """Where demands are large beside the radius, the search for κ ends at 2e-13 and 4e-13 of it."""
+    rng = np.random.default_rng(seed)
+    V = rng.standard_normal((4, 2))
+    V[2] = -V[1] + 10.0 ** rng.uniform(-7, -1) * V[2]
+    radius, size = 10.0 ** rng.uniform(-3, 1), 10.0 ** rng.uniform(-3, 3)
+    result = full(radius=radius, slack_fraction=0.3)(
+        Linearization([0.0, *(size * rng.standard_normal(3))], V), np.zeros(3)
+    )
+    assert result.counts["infeasible"] == 1
+    assert abs(np.linalg.norm(result.change) - radius) <= 3e-15 * radius
+
+
+def test_of_rows_that_nearly_oppose_each_other_the_ball_lets_through_what_it_can():
+    """Both are met at a distance of 1e6: the best point of the ball is where the second row meets the sphere."""
+    angle, radius = 1e-6, 77.0
+    J = np.array([[1.0, 0.0], [-np.cos(angle), np.sin(angle)]])
+    linearization = Linearization([0.0, -1.0, 0.0], np.vstack([[-1.0, 3.0], J]))
+    result = full(radius=radius)(linearization, np.zeros(2))
+    np.testing.assert_allclose(result.change, [radius * np.sin(angle), radius * np.cos(angle)], rtol=1e-9)
+
+
 def test_what_violates_least_and_meets_the_others_stays_as_it_is():
     problem = DirectionProblem([1.0, 0.0], [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]], [1.0, 1.0, -1.0])
     assert recover(problem, SOLVERS["active-set"].solve(problem).value) is None
@@ -229,6 +263,13 @@ def test_the_limit_shortens_what_is_asked_of_violated_rows_alone():
     np.testing.assert_allclose(result.change, [0.1, -0.3])
     assert result.counts["capped"] == 1
     np.testing.assert_allclose(full()(linearization, [0.0, 0.0]).change, [1.0, -0.3])
+
+
+def test_the_limit_is_that_of_violated_rows_without_the_others():
+    """v of the first row alone is (1, 0); of both, with the second held, it would be (1, −1)."""
+    linearization = Linearization([0.0, -1.0, 0.3], [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    result = full(max_restoration=0.5)(linearization, [0.0, 0.0])
+    np.testing.assert_allclose(result.change, [0.5, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(
