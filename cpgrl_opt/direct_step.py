@@ -23,7 +23,7 @@ _admit, _mark_vanishing, _predict = admit.helper, mark_vanishing.helper, predict
 
 
 @entry_point(
-    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, f8, f8, f8, f8, i8[::1], f8[:, ::1], "
+    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, b1, f8, f8, f8, f8, f8, i8[::1], f8[:, ::1], "
     "f8[:, ::1], f8[:, ::1], f8[:, ::1])",
     interpreted=(0, 0),
 )
@@ -34,8 +34,10 @@ def move(
     tangent_solver: bool,
     is_equality: bool,
     restores_inside: bool,
+    takes_all: bool,
     step_size: float,
     restoration_rate: float,
+    slack_fraction: float,
     tolerance: float,
     relative: float,
     flat: Any,
@@ -46,12 +48,14 @@ def move(
 ) -> bool:
     """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run.
 
-    Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m).
+    Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m). takes_all:
+    whatever is active; it then says which multipliers are positive.
     """
     runs, channels, n = gradients.shape
     m = channels - 1
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
-    if _admit(gradients, slack, active, target, kept, flat)[1]:  # rows beyond 2^±400
+    considered = np.ones((runs, m), np.bool_) if takes_all else active
+    if _admit(gradients, slack, considered, target, kept, flat)[1]:  # rows beyond 2^±400
         return False
     g, value, rest, vanishes = np.empty((1, n)), np.empty((1, n)), np.empty((1, n)), np.empty(1, np.bool_)
     bound, equality = np.empty(m), np.empty(m, np.bool_)
@@ -62,9 +66,12 @@ def move(
         for part in range(1 if restores_inside else 2):  # the tangent, then the restoration
             rate, inside = (step_size, 0.0) if part == 0 else (restoration_rate, 1.0)
             if restores_inside:
-                inside = restoration_rate / step_size
+                inside = (1.0 if takes_all else restoration_rate) / step_size
             for i in range(m):
-                bound[i] = inside * target[run, i] if kept[run, i] else -inf
+                asked = target[run, i]
+                if takes_all:
+                    asked = restoration_rate * asked - slack_fraction * max(slack[run, i], 0.0)
+                bound[i] = inside * asked if kept[run, i] else -inf
                 equality[i] = is_equality and kept[run, i]
             for j in range(n):
                 g[0, j] = gradients[run, 0, j] if part == 0 else 0.0
@@ -86,4 +93,8 @@ def move(
                 finite = finite and abs(change[run, j]) < inf
     if finite:
         _predict(gradients, slack, change, predicted)
+        if takes_all:
+            for run in range(runs):
+                for i in range(m):
+                    active[run, i] = multipliers[run, i] > 0.0
     return finite

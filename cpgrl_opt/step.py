@@ -130,10 +130,9 @@ class ConstrainedStep(StepSettings):
             gradients = gradients.copy()
         count, m = math.prod(runs), channels - 1
         stacked = gradients.reshape(count, channels, n), slack.reshape(count, m), active.reshape(count, m)
-        direct = vars(self).get("_direct")  # not there in steps that were pickled before it was
-        if observe is None and direct is not None and count > 0:
+        if observe is None and self._direct is not None and count > 0:
             change, flat, proof = np.empty((count, n)), np.empty(count, np.int64), empty_proof(count, m)
-            if direct_step().move.run(*stacked, *direct, flat, change, *proof):
+            if direct_step().move.run(*stacked, *self._direct, flat, change, *proof):
                 shaped = (part.reshape(*runs, part.shape[1]) for part in proof)
                 return usual_result(change.reshape(*runs, n), active, flat.reshape(runs), *shaped)
         return StepRun(self, observe, count).step(*stacked).reshaped(runs)

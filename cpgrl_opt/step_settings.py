@@ -1,7 +1,7 @@
 """Settings of a step, checked once."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -75,7 +75,11 @@ class StepSettings(ReadOnlyArrays):
         elif self.metric is not None:
             metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
             vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
-        vars(self)["_direct"] = self._usual_way()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # What follows from the settings is found anew: older states may lack it, or have it in another form.
+        names = {each.name for each in fields(self)}
+        super().__setstate__({name: value for name, value in state.items() if name in names})
 
     def _look_up_names(self) -> None:
         if isinstance(self.solver, str):
@@ -128,22 +132,22 @@ class StepSettings(ReadOnlyArrays):
                 f"{self.rule!r}"
             )
 
-    def _usual_way(self) -> tuple[Any, ...] | None:
+    @cached_property
+    def _direct(self) -> tuple[Any, ...] | None:
         """Arguments of `direct_step.move`; None where these settings need more than it does."""
         is_plain = self.ridge == 0 and self.max_restoration == np.inf and self.radius is None
         drops_always = self.formulation == "equality" and self.drop == "always"
-        takes_all = self.formulation == "linearized"
-        if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always or takes_all:
+        if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always:
             return None
-        formulation = FORMULATIONS[self.formulation]
-        solver = type(self.solver) is Rosen, formulation.is_equality, formulation.restores_inside
-        rates = float(self.step_size), float(self.restoration_rate), tolerance_of(self.solver)  # type: ignore[arg-type]
-        return *solver, *rates, NEGLIGIBLE
+        of = FORMULATIONS[self.formulation]
+        kind = type(self.solver) is Rosen, of.is_equality, of.restores_inside, of.takes_all
+        rates = map(float, (self.step_size, self.restoration_rate, self.slack_fraction))  # type: ignore[arg-type]
+        return *kind, *rates, tolerance_of(self.solver), NEGLIGIBLE
 
     def usual_way(self, m: int, n: int) -> tuple[Any, ...] | None:
         """Arguments of `direct_step.move` after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
         needs_more = self.rule is not violated or self.metric is not None or is_long(m, n)
-        return None if needs_more else vars(self).get("_direct")
+        return None if needs_more else self._direct
 
     @cached_property
     def _whitening(self) -> Whitening | None:

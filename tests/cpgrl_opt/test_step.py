@@ -342,7 +342,7 @@ def test_thresholds_that_do_not_fit_are_refused():
 
 
 @pytest.mark.parametrize("solver", ["active-set", "rosen"])
-@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
+@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
 @pytest.mark.parametrize("runs", [(), (1,), (20,), (2, 3)])
 def test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way(runs, formulation, solver):
     """An observer is told of each subproblem, which the one call does not do."""
@@ -360,6 +360,7 @@ def test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way(runs,
         watched = step(linearization, np.zeros(m), observe=lambda *_: None)
         assert direct.change.tobytes() == watched.change.tobytes()
         assert direct.change.shape == (*gradients.shape[:-2], 7)
+        assert (direct.active == watched.active).all()
         assert (direct.stationary == watched.stationary).all()
         assert direct.stationary.shape == runs
         for name, size in (("multipliers", m), ("residuals", 4), ("predicted_slack", m)):

@@ -232,11 +232,11 @@ def test_a_step_does_not_care_how_its_arrays_lie_in_memory(runs, order):
 
 
 def test_a_step_that_was_pickled_before_it_had_a_slack_fraction_still_steps():
-    """Its state is what pickle hands back: no slack_fraction, and a geometry that it no longer has."""
+    """Its state is what pickle hands back: no slack_fraction, a geometry that it no longer has, and fewer arguments."""
     step = ConstrainedStep(formulation="cone", step_size=0.1)
     state = {name: value for name, value in vars(step).items() if name != "slack_fraction"}
     old = object.__new__(ConstrainedStep)
-    old.__setstate__({**state, "_geometry": None})
+    old.__setstate__({**state, "_geometry": None, "_direct": (False, False, False, 0.1, 0.02, 1e-6, 1e-10)})
     np.testing.assert_array_equal(old(LINEARIZATION, THRESHOLDS).change, step(LINEARIZATION, THRESHOLDS).change)
     assert old.slack_fraction == 1.0
 

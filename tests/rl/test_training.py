@@ -40,6 +40,7 @@ LEARNERS = {
     "CPGRL": CPGRL(ConstrainedStep(solver="active-set"), [0, 0, 0]),
     "CPGRL, Rosen": CPGRL(ConstrainedStep(solver="rosen"), [0, 0, 0]),
     "CPGRL, restoring": CPGRL(ConstrainedStep(formulation="restoring"), [0, 0, 0]),
+    "CPGRL, linearized": CPGRL(ConstrainedStep(formulation="linearized"), [0, 0, 0]),
 }
 
 
@@ -104,6 +105,7 @@ def numbers(record: TrainingRecord) -> list[np.ndarray]:
     [
         (ThreeStateMDP(), {}),
         (ThreeStateMDP(), {"formulation": "restoring"}),
+        (ThreeStateMDP(), {"formulation": "linearized", "slack_fraction": 0.5}),
         (ThreeStateMDP(), {"solver": "rosen"}),
         (random_mdp(np.random.default_rng(5), 4, 5, 3), {"formulation": "cone"}),
     ],
