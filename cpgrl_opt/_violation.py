@@ -13,7 +13,7 @@ import numpy as np
 from .arrays import Float, Mask, Multipliers, Vector
 from .flat import flatten
 from .problem import DirectionProblem
-from .scaling import norm, unit_rows
+from .scaling import demand, norm, unit_rows
 from .validation import real_values, require_shape
 
 # Worst `farkas_residual` and `least_violation_residual` of our own proofs. A violation of 1e-9, the least that counts,
@@ -57,7 +57,7 @@ def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
 
     Rows that ask for nothing, b = 0, are missed too where they contradict one that asks.
     """
-    if not np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0).any():
+    if not (demand(problem.bound, problem.equality) > 0.0).any():
         return False
     lack = violation(problem, d)
     return is_missed(lack.bound, -lack.amount, problem.equality)
@@ -65,9 +65,8 @@ def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
 
 def is_missed(bound: Multipliers, slack: Multipliers, equality: Mask) -> bool:
     """The same of b̂ and Ĵd − b̂."""
-    asked = np.where(equality, np.abs(bound), bound)
-    missed = np.where(equality, np.abs(slack), -slack)
-    return bool(missed.max(initial=0.0) > _MISSED * asked.min(initial=np.inf, where=asked > 0.0))
+    asked = demand(bound, equality)
+    return bool(demand(-slack, equality).max(initial=0.0) > _MISSED * asked.min(initial=np.inf, where=asked > 0.0))
 
 
 def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
@@ -197,7 +196,7 @@ def _read(problem: DirectionProblem, y: Multipliers) -> _Proof:
 
 def _demanded(problem: DirectionProblem, lack: Violation) -> float:
     """The largest of (b̂ᵢ)₊ and of |b̂ᵢ| on E."""
-    return largest(np.where(problem.equality, np.abs(lack.bound), lack.bound))
+    return largest(demand(lack.bound, problem.equality))
 
 
 def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Float[np.ndarray, "k"], float | None]:

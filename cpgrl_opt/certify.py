@@ -54,7 +54,7 @@ from ._violation import (
 from .arrays import Float, Multipliers, Vector
 from .direction import Direction, KKTResiduals, Status
 from .problem import DirectionProblem
-from .scaling import norm
+from .scaling import demand, norm
 from .validation import real_values, require_shape
 from .vectors import Certificate
 
@@ -207,7 +207,7 @@ def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | N
         stationarity = _forgive_rounding(seen, mu, pull, force, doubtful)
     if not (stationarity < math.inf and max(length, force) < math.inf):
         return None
-    missed = float(np.where(inequality, -slack, np.abs(slack)).max(initial=0.0))
+    missed = largest(demand(-slack, seen.problem.equality))
     negative = float(-mu.min(initial=0.0, where=inequality))
     least = float(np.abs(np.minimum(mu, slack)).max(initial=0.0, where=inequality))
     return KKTResiduals(stationarity, max(missed, -room), max(negative, -pull), max(least, abs(min(pull, room))))

@@ -21,7 +21,7 @@ from .flat_span import SpanFlat
 from .metric import Whitening
 from .metric_operator import OperatorMetric
 from .problem import DirectionProblem
-from .scaling import UnitRows, unit_rows
+from .scaling import UnitRows, demand, unit_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Flat:
     def failure(self) -> Status | None:
         """NUMERICAL_ERROR where a number overflowed."""
         flat = self.problem
-        asked = np.where(flat.equality, np.abs(flat.bound), flat.bound)
+        asked = demand(flat.bound, flat.equality)
         is_finite = np.isfinite(flat.gradient).all() and np.isfinite(flat.jacobian).all() and (asked < np.inf).all()
         return None if is_finite else Status.NUMERICAL_ERROR
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Float, Jacobian, Multipliers
+from .arrays import Float, Jacobian, Mask, Multipliers
 
 # Squares of these neither over- nor underflow, nor lose digits as subnormal numbers.
 _SAFE_SQUARES = (1e-280, 1e280)
@@ -61,6 +61,11 @@ def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch
     safe = (squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1])
     with np.errstate(over="ignore"):  # infinite beyond 1.8e308: callers refuse it
         return np.asarray(np.where(safe, np.sqrt(squares), largest * relative))
+
+
+def demand(values: Float[np.ndarray, "*k m"], equality: Mask) -> Float[np.ndarray, "*k m"]:
+    """vᵢ on I, |vᵢ| on E: what bounds ask for, and what is lacking of them, where it is positive."""
+    return np.where(equality, np.abs(values), values)
 
 
 def norm(vector: np.ndarray) -> float:

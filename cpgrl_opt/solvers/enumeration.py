@@ -16,6 +16,7 @@ from ..arrays import Float, Int
 from ..direction import Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from ..scaling import demand
 from .base import SmallSolver
 from .factorization import pivoted_qr
 from .small_problem import SmallAnswer, SmallProblem
@@ -95,7 +96,7 @@ def _errors(
 ) -> Float[np.ndarray, "s"]:
     """max((b − Ax)₊, (−μ)₊) on I, max |b − Ax| on E, in units of max(1, ‖x‖): one for each active set."""
     lack = small.bound - points @ small.rows.T
-    lack = np.where(small.equality, np.abs(lack), lack)
+    lack = demand(lack, small.equality)
     negative = np.where(small.equality, 0.0, -multipliers)
     size = np.maximum(1.0, np.sqrt(np.einsum("sk,sk->s", points, points)))
     errors: np.ndarray = np.maximum(lack, negative).max(axis=1, initial=0.0) / size

@@ -17,6 +17,7 @@ from ..arrays import Multipliers, Vector
 from ..certify import is_proven
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, without_geometry
+from ..scaling import demand
 from .exact_core import project
 
 # Σ bᵢyᵢ / Σ |bᵢyᵢ| above which a problem is infeasible; bounds that should agree may differ by rounding.
@@ -40,8 +41,7 @@ def least_violation(problem: DirectionProblem) -> LeastViolation | None:
     if answer.status != Status.INFEASIBLE or not is_proven(problem, answer):
         return None
     size = np.inf  # where a zero row asks for something, there is nothing to measure it in
-    asking = np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
-    if not (asking & ~problem.jacobian.any(axis=1)).any():
+    if not ((demand(problem.bound, problem.equality) > 0.0) & ~problem.jacobian.any(axis=1)).any():
         size = _excess(problem.bound, answer.multipliers)
     return LeastViolation(answer.value, answer.multipliers, size) if size > VIOLATION_TOLERANCE else None
 

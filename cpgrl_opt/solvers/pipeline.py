@@ -16,6 +16,7 @@ from ..arrays import Multipliers, Vector
 from ..certify import kkt_residuals, misses_a_bound
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem
+from ..scaling import demand
 from .exact_core import project
 from .infeasibility import infeasible_direction
 from .polishing import polish
@@ -55,7 +56,7 @@ def solve_by(core: Core, problem: DirectionProblem, *, tolerance: float, polishe
     if infeasible is not None:
         return infeasible
     small = scaled.small
-    asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
+    asks = (demand(small.bound, small.equality) > 0.0).any()
     for factor in _LARGER_UNITS if asks else ():
         if attempt.worst <= tolerance:
             break

@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import Bool, Float, Mask, Multipliers
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..scaling import UnitRows, lengths, unit_rows
+from ..scaling import UnitRows, demand, lengths, unit_rows
 from .factorization import pivoted_qr
 
 # Directions that carry less than this of the unit rows are rounding: duplicate rows stay exactly dependent.
@@ -117,11 +117,10 @@ def scale_problem(problem: DirectionProblem) -> ScaledProblem:
     unit = unit_rows(problem.jacobian)
     bound = unit.per_length(problem.bound)
     is_zero = unit.largest == 0.0
-    impossible = is_zero & np.where(problem.equality, bound != 0.0, bound > 0.0)
+    impossible = is_zero & (demand(bound, problem.equality) > 0.0)
     kept = ~is_zero & (problem.equality | (bound > -np.inf))
     equality, bound = problem.equality[kept], bound[kept]
-    demand = np.where(equality, np.abs(bound), bound).max(initial=0.0)
-    scale = max(float(lengths(problem.gradient)), float(demand))
+    scale = max(float(lengths(problem.gradient)), float(demand(bound, equality).max(initial=0.0)))
     row_lengths = unit.largest[kept] * unit.relative[kept]
     whole = SmallProblem(problem.gradient, unit.jacobian[kept], bound, equality, row_lengths)
     return ScaledProblem(problem, whole.divided(scale if 0.0 < scale < np.inf else 1.0), kept, impossible, scale, unit)

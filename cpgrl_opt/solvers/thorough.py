@@ -12,7 +12,7 @@ import numpy as np
 from ..certify import is_proven, kkt_residuals, misses_a_bound
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem, ProblemBatch
-from ..scaling import lengths, unit_rows
+from ..scaling import demand, lengths, unit_rows
 from .compiled._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from .compiled._projection import project_stacked
 from .compiled._workspace import Booleans, Floats
@@ -64,7 +64,7 @@ def find_contradiction(problem: DirectionProblem, value: Floats) -> Direction | 
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0.0) & (problem.bound > -inf)
     bound = np.where(on, rows.per_length(problem.bound), 0.0)
-    asked = np.unique(np.where(problem.equality, np.abs(bound), bound))
+    asked = np.unique(demand(bound, problem.equality))
     for size in _apart(asked[asked > 0.0]):
         near = on & (np.abs(bound) <= _SIZE * size)
         found = _solve(np.zeros_like(value), rows.jacobian[near], bound[near] / size, problem.equality[near], PLAIN)
@@ -147,7 +147,7 @@ def _violate_least(problem: DirectionProblem, proven: Direction) -> Direction:
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0.0) & (problem.bound > -inf)
     unit, bound, exact = rows.jacobian[on], rows.per_length(problem.bound)[on], problem.equality[on]
-    required = np.where(exact, np.abs(bound), np.maximum(bound, 0.0)).max(initial=0.0)
+    required = demand(bound, exact).max(initial=0.0)
     if required == 0.0 and not problem.gradient.any():  # d = 0, and no number to measure rounding by
         return replace(proven, value=np.zeros_like(problem.gradient))
     exponent = frexp(max(float(lengths(problem.gradient)), float(required)))[1]

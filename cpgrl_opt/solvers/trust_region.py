@@ -26,7 +26,7 @@ from ..arrays import Bool, Float, Multipliers, Vector
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
-from ..scaling import UnitRows, lengths, norm, unit_rows
+from ..scaling import UnitRows, demand, lengths, norm, unit_rows
 from .ball_violation import least_violation_in_ball
 from .exact_core import project
 from .factorization import pivoted_qr, solve_upper
@@ -114,7 +114,7 @@ class _Ball:
     def outside(self, found: BallAnswer) -> Direction:
         """In the problem's units."""
         problem, radius = self.problem, float(self.problem.radius or 0.0)
-        impossible = (self.rows.largest == 0.0) & np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
+        impossible = (self.rows.largest == 0.0) & (demand(problem.bound, problem.equality) > 0.0)
         multipliers = np.zeros(problem.m)
         multipliers[self.kept] = found.multipliers
         strength = 1.0 if found.status == Status.INFEASIBLE else self.strength  # a proof has no unit
@@ -131,7 +131,7 @@ def _search(core: Core, small: SmallProblem) -> BallAnswer:
     """OPTIMAL, INFEASIBLE, or what the core says of its failure."""
     if not small.center.size:  # neither g nor a row
         return BallAnswer(small.center, small.bound, 0.0, 0.0)
-    asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
+    asks = (demand(small.bound, small.equality) > 0.0).any()
     climbs = bool(small.center.any())
     found = _climb(core, small, _FEW_STEPS) if climbs else _shortest(small)
     if asks and (found.error > _EXACT or is_missed(small.bound, _slack(small, found.point), small.equality)):
@@ -283,7 +283,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
         return BallAnswer(point, empty.proof, 0.0, status=Status.INFEASIBLE)
     if empty is None and norm(project(flat, _EXACT).value) <= 1.0:
         return None
-    size = max(1.0, float(np.where(small.equality, np.abs(small.bound), small.bound).max(initial=0.0)))
+    size = max(1.0, float(demand(small.bound, small.equality).max(initial=0.0)))
     point, violation = least_violation_in_ball(small.rows, small.bound, small.equality)
     length = norm(violation)
     if empty is None and length <= VIOLATION_TOLERANCE * size:
@@ -295,7 +295,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
 def _relaxed(small: SmallProblem, point: Vector) -> SmallProblem:
     """C of the points that violate the rows as this one does: by just as much where it does."""
     reached = small.rows @ point
-    size = max(1.0, float(np.where(small.equality, np.abs(small.bound), small.bound).max(initial=0.0)))
+    size = max(1.0, float(demand(small.bound, small.equality).max(initial=0.0)))
     equality = small.equality | (small.bound - reached > _ROUNDING * size)
     bound = np.where(equality, reached, np.minimum(small.bound, reached))
     # Where nothing but rounding is left of the bounds, rounding would be what the problem asks for.
