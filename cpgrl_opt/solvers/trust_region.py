@@ -44,6 +44,8 @@ _NEARLY_TIGHT = 1e-9
 _ROUNDING = 1e-12
 # Demands in units of the radius beyond this are as far out of reach as it is; their squares would overflow.
 _LARGEST_RATIO = 1e150
+# A ball is tried _WIDE times as large as the largest bound first where it is _HUGE times larger still.
+_HUGE, _WIDE = 1e3, 1e6
 _FEW_STEPS, _MOST_STEPS = 8, 80
 _LARGEST_STEP = 1e15
 _FARTHER = 8.0
@@ -62,18 +64,33 @@ class BallAnswer:
 
 
 def solve_in_ball(core: Core, problem: DirectionProblem) -> Direction:
-    """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge. M = I."""
-    ball = _Ball.of(problem)
+    """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge. M = I.
+
+    Where the radius is huge beside all bounds they would be rounding in its unit. So it is a smaller ball at first,
+    whose answer is that of the other where it ends inside.
+    """
+    ball = _Ball.of(problem, float(problem.radius or 0.0))
+    named = float(np.abs(ball.small.bound).max(initial=0.0))
+    if 0.0 < named < 1.0 / (_HUGE * _WIDE):
+        near = _Ball.of(problem, ball.radius * named * _WIDE)
+        found = _solve(core, near)
+        if found.error <= _EXACT and norm(found.point) < 1.0 - _ROUNDING:
+            return near.outside(found)
+    return ball.outside(_solve(core, ball))
+
+
+def _solve(core: Core, ball: "_Ball") -> BallAnswer:
+    """In coordinates, and once more on the rows: unit rows are rounded in coordinates."""
     reduced, basis = reduce_problem(ball.small)
     found = _search(core, reduced)
     lifted = replace(found, point=basis @ found.point)
-    if found.status != Status.INFEASIBLE:  # unit rows are rounded in coordinates: once more on the rows
-        face = ball.small.equality | (found.multipliers > np.maximum(_slack(ball.small, lifted.point), 0.0))
-        lifted = replace(lifted, error=_error(ball.small, lifted.point, lifted.multipliers, lifted.kappa))
-        if lifted.error > _SHARP:
-            lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
-        lifted = replace(lifted, status=found.status, iterations=found.iterations)
-    return ball.outside(lifted)
+    if found.status == Status.INFEASIBLE:
+        return lifted
+    face = ball.small.equality | (found.multipliers > np.maximum(_slack(ball.small, lifted.point), 0.0))
+    lifted = replace(lifted, error=_error(ball.small, lifted.point, lifted.multipliers, lifted.kappa))
+    if lifted.error > _SHARP:
+        lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
+    return replace(lifted, status=found.status, iterations=found.iterations)
 
 
 def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:
@@ -92,28 +109,29 @@ def as_small(answer: Direction) -> SmallAnswer:
 
 @dataclass(frozen=True, eq=False)
 class _Ball:
-    """A problem in units of its radius and of ‖g‖, on the rows that can matter in the ball."""
+    """A problem in units of a radius and of ‖g‖, on the rows that can matter in the ball."""
 
     problem: DirectionProblem
     small: SmallProblem
     rows: UnitRows
     kept: Bool[np.ndarray, "m"]
     strength: float
+    radius: float
 
     @classmethod
-    def of(cls, problem: DirectionProblem) -> "_Ball":
+    def of(cls, problem: DirectionProblem, radius: float) -> "_Ball":
         rows, strength = unit_rows(problem.jacobian), float(lengths(problem.gradient))
         with np.errstate(over="ignore", under="ignore"):
-            bound = np.clip(rows.per_length(problem.bound) / float(problem.radius or 0.0), -np.inf, _LARGEST_RATIO)
+            bound = np.clip(rows.per_length(problem.bound) / radius, -np.inf, _LARGEST_RATIO)
         bound = np.where(problem.equality, np.maximum(bound, -_LARGEST_RATIO), bound)
         kept = (rows.largest > 0.0) & (problem.equality | (bound > NEGLIGIBLE_BOUND))  # in the ball Âx ≥ −1
         center = problem.gradient / (strength or 1.0)
         small = SmallProblem(center, rows.jacobian[kept], bound[kept], problem.equality[kept])
-        return cls(problem, small, rows, kept, strength)
+        return cls(problem, small, rows, kept, strength, radius)
 
     def outside(self, found: BallAnswer) -> Direction:
         """In the problem's units."""
-        problem, radius = self.problem, float(self.problem.radius or 0.0)
+        problem, radius = self.problem, self.radius
         impossible = (self.rows.largest == 0.0) & (demand(problem.bound, problem.equality) > 0.0)
         multipliers = np.zeros(problem.m)
         multipliers[self.kept] = found.multipliers
@@ -280,7 +298,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
     if empty is not None and norm(empty.direction) <= 1.0:
         within = _climb(core, _relaxed(small, empty.direction), _MOST_STEPS) if small.center.any() else None
         point = empty.direction if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
-        return BallAnswer(point, empty.proof, 0.0, status=Status.INFEASIBLE)
+        return BallAnswer(point, empty.proof, 0.0, error=0.0, status=Status.INFEASIBLE)
     if empty is None and norm(project(flat, _EXACT).value) <= 1.0:
         return None
     size = max(1.0, float(demand(small.bound, small.equality).max(initial=0.0)))

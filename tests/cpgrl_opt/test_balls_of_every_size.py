@@ -1,0 +1,87 @@
+"""A huge radius decides as none would, a neighbour in the batch nothing, and what contradicts itself is infeasible."""
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, DirectionProblem, ProblemBatch, Status, farkas_residual
+from cpgrl_opt.solvers import is_installed
+
+ACTIVE_SET = SOLVERS["active-set"]
+QUICK = [name for name in ("active-set", "nnls", "quadprog", "daqp", "clarabel") if is_installed(SOLVERS[name])]
+# Seven rows that contradict each other, and ask for 2 at the most.
+ROWS = [
+    [0, 1, 0, -2, 1, -2],
+    [-2, 0, 0, 0, 2, -1],
+    [2, -1, 1, 1, -1, 0],
+    [-1, 0, -2, 1, -2, -1],
+    [0, -1, 0, 0, 0, 0],
+    [-2, 1, -2, 1, 0, 2],
+    [0, -1, 2, -2, -1, 1],
+]
+BOUND = [0, 2, -1, -1, 2, 1, -1]
+
+
+@pytest.mark.parametrize("gradient", [np.zeros(6), np.arange(-2.0, 4.0)], ids=["no gradient", "gradient"])
+@pytest.mark.parametrize("radius", [1.0, 1e3, 1e9, 1e12, 1e15, 1e100])
+@pytest.mark.parametrize("name", QUICK)
+def test_what_contradicts_itself_does_so_in_any_ball(name: str, radius: float, gradient: np.ndarray) -> None:
+    problem = DirectionProblem(gradient, ROWS, BOUND, radius=radius)
+    answer = SOLVERS[name].solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    assert farkas_residual(problem, answer.multipliers) <= 1e-6
+    assert np.linalg.norm(answer.value) <= radius * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("radius", [1e6, 1e12, 1e15])
+def test_what_can_be_met_can_be_met_in_a_huge_ball(radius: float) -> None:
+    """The shortest of what climbs most, where the rows end the climb: as without a ball and g as long as it gets."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        J, b = rng.integers(-3, 4, (6, 3)).astype(float), -rng.integers(0, 4, 6).astype(float)
+        g = -J.T @ rng.integers(0, 3, 6)
+        answer = ACTIVE_SET.solve(DirectionProblem(g, J, b, radius=radius))
+        assert answer.status == Status.OPTIMAL
+        assert np.linalg.norm(answer.value) < radius  # g is in the rows' cone: no end of the climb but theirs
+        far = ACTIVE_SET.solve(DirectionProblem(1e4 * g, J, b))
+        np.testing.assert_allclose(answer.value, far.value, atol=1e-9)
+
+
+def hostile_neighbours(n: int, m: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """g and J of runs beside which the others are solved."""
+    big, small, opposing = np.full((m, n), 1e170), np.full((m, n), 1e-170), np.ones((m, n))
+    opposing[1::2] *= -1.0
+    return [(np.ones(n), each) for each in (big, small, opposing, np.zeros((m, n)))] + [(np.zeros(n), np.ones((m, n)))]
+
+
+@pytest.mark.parametrize("metric", [False, True])
+@pytest.mark.parametrize("name", ["active-set", "rosen"])
+def test_a_run_has_the_same_bits_whatever_stands_beside_it(name: str, metric: bool) -> None:
+    rng, solver, n, m = np.random.default_rng(1), SOLVERS[name], 5, 3
+    M = rng.uniform(0.5, 2.0, n) if metric else None
+    for k in range(20):
+        g, J, b = rng.standard_normal(n), rng.standard_normal((m, n)), 0.2 * rng.standard_normal(m)
+        alone = solver.solve(DirectionProblem(g, J, b, name == "rosen", M, 0.7))
+        for other_g, other_J in hostile_neighbours(n, m):
+            order = [(g, J), (other_g, other_J)][:: 1 if k % 2 else -1]
+            batch = ProblemBatch(
+                [each for each, _ in order],
+                [each for _, each in order],
+                [b, b],
+                np.full((2, m), name == "rosen"),
+                None if M is None else np.stack([M, M]),
+                [0.7, 0.7],
+            )
+            beside = solver.solve_batch(batch)[0 if k % 2 else 1]  # type: ignore[attr-defined]
+            np.testing.assert_array_equal(beside.value, alone.value)
+            np.testing.assert_array_equal(beside.multipliers, alone.multipliers)
+            assert (beside.status, beside.radius_multiplier) == (alone.status, alone.radius_multiplier)
+
+
+def test_rows_that_oppose_each_other_but_for_rounding_contradict_each_other() -> None:
+    """Only what is longer than 1e13 times the bounds would meet them."""
+    for tilt in (0.0, 3.7e-17, 1e-15, 3e-14):
+        for radius in (None, 10.0, 1e9):
+            problem = DirectionProblem([0.3, 1.0], [[1.0, 0.0], [-1.0, tilt]], 1.0, radius=radius)
+            answer = ACTIVE_SET.solve(problem)
+            assert answer.status == Status.INFEASIBLE
+            np.testing.assert_allclose(answer.value[0], 0.0, atol=1e-9)  # misses both alike
