@@ -48,7 +48,7 @@ def test_a_plain_solve_passes_four_functions() -> None:
         ("active-set", {"radius": 0.5}, 15),
         ("active-set", {"metric": np.arange(1.0, 10.0)}, 25),
         ("active-set", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 65),
-        ("quadprog", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 110),
+        ("quadprog", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 125),
     ],
 )
 def test_a_metric_and_a_ball_are_a_few_functions_more(solver: str, geometry: dict[str, Any], most: int) -> None:
