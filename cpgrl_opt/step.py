@@ -128,6 +128,8 @@ class ConstrainedStep(StepSettings):
         gradients = np.ascontiguousarray(gradients)
         if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
             gradients = gradients.copy()
+        if FORMULATIONS[self.formulation].takes_all:
+            active = active.copy()  # `move` says in it which multipliers are positive
         count, m = math.prod(runs), channels - 1
         stacked = gradients.reshape(count, channels, n), slack.reshape(count, m), active.reshape(count, m)
         if observe is None and self._direct is not None and count > 0:

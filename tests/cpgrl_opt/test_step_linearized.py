@@ -9,6 +9,7 @@ from scipy.optimize import nnls
 from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, hysteresis
 from cpgrl_opt.published import CPO
 from cpgrl_opt.recovery import recover
+from cpgrl_opt.reduction import Coordinates
 from cpgrl_opt.solvers import is_usable, supports
 from cpgrl_opt.vectors import _numpy as array_vectors
 
@@ -247,6 +248,34 @@ def test_long_gradients_step_as_short_ones(monkeypatch, radius):
         np.testing.assert_allclose(inside.change, outside.change, atol=1e-9 * unit)
         np.testing.assert_allclose(inside.predicted_slack, outside.predicted_slack, atol=1e-9 * 12 * unit)
         assert (inside.active == outside.active).all()
+
+
+def test_every_rung_of_long_gradients_has_all_constraints(monkeypatch):
+    """The first rung is told that its answer does not hold; it left one of three multipliers positive."""
+    monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", 0)
+    long = Linearization([0.0, 0.1, 0.2, -0.3], np.random.default_rng(1).standard_normal((4, 120)))
+    usual, answers = Coordinates.holds, iter([False, True])
+    result = full()(long, np.zeros(3))
+    assert 0 < result.active.sum() < 3
+    monkeypatch.setattr(Coordinates, "holds", lambda *arguments: next(answers) and usual(*arguments))
+    again = full()(long, np.zeros(3))
+    np.testing.assert_allclose(again.change, result.change, rtol=1e-12)
+    assert again.counts["flat"] == 0
+    assert not list(answers)
+
+
+@pytest.mark.parametrize("radius", [None, 0.3])
+def test_a_metric_known_by_its_products_makes_the_same_step(radius):
+    for seed in range(4):
+        for kind in ("generic", "sum"):
+            given = drawn(seed, 3, kind=kind)
+            by_products, dense = (
+                full(metric=metric, slack_fraction=0.5, radius=radius)(given, np.zeros(3))
+                for metric in (METRIC.__matmul__, METRIC)
+            )
+            np.testing.assert_allclose(by_products.change, dense.change, atol=1e-9)
+            np.testing.assert_allclose(by_products.predicted_slack, dense.predicted_slack, atol=1e-9)
+            assert by_products.counts["infeasible"] == dense.counts["infeasible"]
 
 
 @pytest.mark.parametrize("scale", [1e-160, 1e160])
