@@ -1,7 +1,7 @@
 """Environments with vector rewards: channel 0 intrinsic, the others extrinsic.
 
 Finite Markov decision processes with exact answers, the three-state task of §3 of the paper, the two-link arm
-of §4, and what an environment hands to compiled code (`envs.interface`). Importing this package registers
+of §4, a gridworld, and what an environment hands to compiled code (`envs.interface`). Importing this package registers
 `cpgrl/ThreeState-v0` and `cpgrl/TwoLinkArm-v0` with Gymnasium.
 """
 
@@ -9,6 +9,7 @@ from gymnasium.envs.registration import register, registry
 
 from .arm_constants import ArmObject
 from .arm_env import TwoLinkArmEnv
+from .gridworld import GridWorld
 from .interface import (
     RESET_SIGNATURE,
     STEP_SIGNATURE,
@@ -34,6 +35,7 @@ __all__ = [
     "ContinuousKernels",
     "FiniteEnvironment",
     "FiniteKernel",
+    "GridWorld",
     "TabularEnv",
     "TabularMDP",
     "ThreeStateEnv",
