@@ -67,39 +67,52 @@ class StepRun:
 
     def step(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray) -> StepResult:
         """Of B runs: (B, 1 + m, n), (B, m), (B, m)."""
-        settings, n = self.settings, gradients.shape[2]
-        constraints = self.admit(gradients, slack, active)
-        if settings.ridge > 0:
-            constraints = constraints.softened(settings.ridge)
-            self.counts["softened"] += constraints.active.any(axis=1)
-        if settings.max_restoration < np.inf:
-            constraints = self.cap(constraints, n)
-        constraints = constraints.demands(float(settings.restoration_rate))
-        tangent, restoration = self.solve(constraints, np.arange(len(constraints.target)))
-        still, any_still = self.at_rest(tangent.value, constraints)
-        if FORMULATIONS[settings.formulation].restores_inside and self._counts is not None:
-            still &= self.counts["infeasible"] == 0  # where nothing meets the constraints, 0 is no KKT point
-        if settings.formulation == "equality" and (any_still or settings.drop == "always"):
-            if settings.drop == "never":
-                still[still] = ~has_positive_multipliers(constraints.rows(still))
-            else:
-                tangent, restoration, still = self.drop(constraints, tangent, restoration, still)
+        n = gradients.shape[2]
+        constraints = self.prepare(self.admit(gradients, slack, active), n)
+        tangent, restoration = self.solve(constraints, np.arange(self.runs))
+        tangent, restoration, still = self.settle(constraints, tangent, restoration)
+        residuals = tangent.residuals if restoration is None else np.maximum(tangent.residuals, restoration.residuals)
         multipliers = np.where(constraints.active, constraints.original(tangent.multipliers), 0.0)
         change = self.change(tangent.value, None if restoration is None else restoration.value, n)
-        if settings.radius is not None and restoration is not None:
-            limit = settings.step_size * settings.radius * (1.0 + tolerance_of(settings.solver))  # type: ignore[operator]
-            if (too_long := lengths(change) > limit).any():
-                self.counts["long"] += too_long
         if self.any_skipped:
             skipped = self.counts["skipped"] > 0
             change[skipped], still[skipped] = 0.0, False  # the zeros of a failed solver are no optimum
             multipliers[skipped] = 0.0
-        residuals = tangent.residuals if restoration is None else np.maximum(tangent.residuals, restoration.residuals)
+        if self.settings.radius is not None and restoration is not None:
+            self.count_long(change)
         predicted = np.empty(slack.shape)
         step_kernels().predict(gradients, slack, change, predicted)
-        if self.takes_all:
-            active = multipliers > 0.0
+        active = multipliers > 0.0 if self.takes_all else active
         return StepResult(change, active, still, self.counted(), multipliers, residuals, predicted)
+
+    def prepare(self, constraints: ActiveConstraints, n: int) -> ActiveConstraints:
+        """The constraints with their ridge, and with what is asked of them within its limit."""
+        if self.settings.ridge > 0:
+            constraints = constraints.softened(self.settings.ridge)
+            self.counts["softened"] += constraints.active.any(axis=1)
+        if self.settings.max_restoration < np.inf:
+            constraints = self.cap(constraints, n)
+        return constraints.demands(float(self.settings.restoration_rate))
+
+    def settle(
+        self, constraints: ActiveConstraints, tangent: Moves, restoration: Moves | None
+    ) -> tuple[Moves, Moves | None, Bool[np.ndarray, "B"]]:
+        """s and v after the drop rule, and whether a run is stationary."""
+        still, any_still = self.at_rest(tangent.value, constraints)
+        if FORMULATIONS[self.settings.formulation].restores_inside and self._counts is not None:
+            still &= self.counts["infeasible"] == 0  # where nothing meets the constraints, 0 is no KKT point
+        if self.settings.formulation == "equality" and (any_still or self.settings.drop == "always"):
+            if self.settings.drop != "never":
+                return self.drop(constraints, tangent, restoration, still)
+            still[still] = ~has_positive_multipliers(constraints.rows(still))
+        return tangent, restoration, still
+
+    def count_long(self, change: Float[np.ndarray, "B n"]) -> None:
+        """Counts changes that are longer than α₁ radius by more than the solver's tolerance."""
+        limit = self.settings.step_size * self.settings.radius * (1.0 + tolerance_of(self.settings.solver))  # type: ignore[operator]
+        too_long = lengths(change) > limit
+        if too_long.any():
+            self.counts["long"] += too_long
 
     def change(self, tangent: np.ndarray, restoration: np.ndarray | None, n: int) -> Float[np.ndarray, "B n"]:
         """α₁ s + αₑ v of the n parameters."""

@@ -47,12 +47,12 @@ class ConstrainedStep(StepSettings):
     max_restoration: restoration shortened to ‖αₑ J⁺ min(slack, 0)‖ ≤ max_restoration, in the unit of θ (in the
         metric's where there is one). Where rows depend, J⁺ answers by least squares and may be much shorter than the v
         of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone`, and in `restoring` and `linearized`, where that v is
-        inside. `linearized` asks so much less of the constraints that are violated; J are their rows alone. Ours.
+        inside. `linearized` shortens what it asks of violated constraints, and J has the rows of these alone. Ours.
     metric M: (n,) positive, (n, n) symmetric positive definite, or a function v ↦ Mv: s, v and their lengths are taken
         in it (a natural gradient where M is the Fisher matrix). metric_tolerance, metric_iterations: of M⁻¹ by
         conjugate gradients where M is a function, as in `DirectionProblem`; a run for which they are not enough is
-        counted `skipped`. It asks nothing of the solver: the gradients are taken to the
-        coordinates where M = I, whatever follows is Euclidean there, and the change is brought back.
+        counted `skipped`. A metric asks nothing of the solver: the gradients are taken to the coordinates where M = I,
+        whatever follows is Euclidean there, and the change is brought back.
     radius > 0: s climbs most in sᵀMs ≤ radius², instead of being Δ¹ projected. To the solver's tolerance
         ‖change‖_M ≤ α₁ radius with `restoring` and `linearized`. With `equality` and `cone` α₁ s alone is as short:
         restorations v know no radius, and a change that they make longer is counted `long`. `linearized` with
