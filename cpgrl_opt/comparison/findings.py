@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from .choice import Choice, choose
 from .measurement import Cell, Measurement
-from .profiles import Key, Profile, performance_profiles, problems_met
+from .profiles import Key, Profile, performance_profiles, problems_met, problems_taken
 from .report_context import ReportContext
 from .tallies import Gain, Tally, gains, tallies, tally
 
@@ -49,7 +49,7 @@ class Findings:
     """Everything that both documents show.
 
     prepared, raw: pooled counts, the best first; common: profiles of all solvers × variants over the problems that
-    the raw back ends met too (all problems where there are no raw ones); profiles: of the prepared over all; astray:
+    the raw back ends took too (all problems where there are no raw ones); profiles: of the prepared over all; astray:
     of each ill-posed family.
     """
 
@@ -84,7 +84,7 @@ def find(cells: Sequence[Cell], measurements: Sequence[Measurement], context: Re
     met = dict.fromkeys(cell.family for cell in cells)
     families = tuple(name for name in dict.fromkeys((*context.families, *met)) if name in met)
     everything = problems_met(measurements, "prepared")
-    common = problems_met(measurements, "raw") or everything
+    common = problems_taken(measurements, "raw") or everything
     return Findings(
         context=context,
         cells={(cell.solver, cell.variant, cell.family): cell for cell in cells},

@@ -32,6 +32,11 @@ def problems_met(measurements: Iterable[Measurement], variant: str) -> set[Probl
     return {(each.family, each.problem) for each in measurements if each.variant == variant}
 
 
+def problems_taken(measurements: Iterable[Measurement], variant: str) -> set[Problem]:
+    """Of these, the ones that some solver takes."""
+    return problems_met([each for each in measurements if each.outcome != "unsupported"], variant)
+
+
 def performance_profiles(
     measurements: Sequence[Measurement], problems: Collection[Problem], variants: Collection[str]
 ) -> dict[Key, Profile]:

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from cpgrl_opt.comparison.measurement import Measurement
-from cpgrl_opt.comparison.profiles import Profile, performance_profiles, problems_met
+from cpgrl_opt.comparison.profiles import Profile, performance_profiles, problems_met, problems_taken
 
 
 def timed(solver: str, problem: int, ratio: float, outcome: str = "success", variant: str = "prepared") -> Measurement:
@@ -65,3 +65,9 @@ def test_a_clock_that_did_not_tick_divides_nothing_by_zero() -> None:
     found = profiles_of([timed("a", 0, 0.0), timed("b", 0, 1.0)])
     assert found["a"].at(1.0) == 1.0
     assert found["b"].at(float("inf")) == 1.0
+
+
+def test_what_nobody_takes_is_met_and_not_taken() -> None:
+    asked = [timed("a", 0, 1.0), timed("a", 1, 0.0, "unsupported"), timed("a", 2, 1.0, variant="raw")]
+    assert problems_met(asked, "prepared") == {("a", 0), ("a", 1)}
+    assert problems_taken(asked, "prepared") == {("a", 0)}
