@@ -68,7 +68,7 @@ from .projection_laws import (
 )
 from .pytest_items import parametrize_with_checks
 from .sensitivity import distance_bound, hoffman_constant
-from .sequences import check_batch_is_loop, check_warm_start_is_cold_start
+from .sequences import check_batch_is_loop, check_neighbours_change_nothing, check_warm_start_is_cold_start
 from .strategies import Case, direction_problems, infeasible_problems
 from .timing import check_time_is_in_proportion
 from .verdict import CheckResult, Verdict, check_direction_solver
@@ -102,6 +102,7 @@ __all__ = [
     "check_infeasible_is_called_infeasible",
     "check_input_is_unchanged",
     "check_least_violation",
+    "check_neighbours_change_nothing",
     "check_non_expansiveness",
     "check_non_finite_is_refused",
     "check_permutation",

@@ -27,7 +27,7 @@ from .draws import (
     picks,
     shape,
 )
-from .geometries import TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
+from .geometries import HUGE, TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
 from .law import varied
 from .strategies import (
     ALL_CASES,
@@ -284,6 +284,12 @@ WELL_POSED = (
     ),
     Family("in a ball", "constrained policy optimization", _in_geometry(Case.RADIUS), geometry=Case.RADIUS, weight=2),
     Family(
+        "in a huge ball",
+        "a word for none: as feasible as without it",
+        lambda cases: in_some_ball(direction_problems(cases=cases), factors=HUGE),
+        geometry=Case.RADIUS,
+    ),
+    Family(
         "feasible gradient in a ball",
         "as a rule the constraints do not bind: d = radius g/‖g‖",
         lambda cases: in_some_ball(feasible_gradients(cases)),
@@ -313,12 +319,10 @@ HOSTILE = (
     ),
     Family(
         "touching",
-        "the ball meets the constraints in one point, where no multiplier need be finite",
+        "the ball meets the constraints in one point, where no multiplier need be finite, or nearly so",
         lambda cases: in_some_ball(direction_problems(cases=cases), factors=TOUCHING),
         SHIFTED_CASES,
         Case.RADIUS,
-        only=Case.BALL,
-        weight=2,
     ),
 )
 

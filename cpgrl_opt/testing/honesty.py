@@ -23,7 +23,7 @@ from .law import (
     varied,
     whitened,
 )
-from .sensitivity import hoffman_constant, relative_distance
+from .sensitivity import distance_bound, hoffman_constant, relative_distance
 
 _ROUNDING = 1e-12  # b̂ − r below this part of the scale is what rounding left of 0
 
@@ -81,8 +81,9 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     Least: ‖Ĵᵀr‖ ≤ (1 + m) ε s, the gradient of the convex ½‖r‖², s = max(‖g‖, ‖d‖, b̂₊, |b̂| on E); so r is within
     2H(1 + m)εs of the least one. Nearest: d is within (1 + 2H)(1 + m) · `relative_distance`(ε + its ε) · s of
     `enumeration`'s projection of g onto {Ĵd ≥ b̂ − r}. `problem` should be infeasible; by a zero row: skipped.
-    In a ball: ‖Π(d + Ĵᵀr) − d‖ ≤ (2 + m) ε s, Π the projection onto the ball, s = max(radius, b̂₊, |b̂| on E); which of
-    several is nearest to g is not asked. In a metric all of this is measured where M = I.
+    In a ball: ‖Π(d + Ĵᵀr) − d‖ ≤ (2 + m) ε s, Π the projection onto the ball, s = max(radius, b̂₊, |b̂| on E); and of
+    several the best climb, gᵀ(d* − d) ≤ ‖g‖ · `distance_bound`((1 + 2H)(1 + m)(ε + its ε)), d* being `enumeration`'s on
+    {Ĵd ≥ b̂ − r} in the ball. In a metric all of this is measured where M = I.
     Source: Hoffman's bound and strong convexity in r; Censor & Elfving 1982; Bauschke & Combettes, Proposition 26.2.
     """
     answer = _infeasible(solver, problem)
@@ -96,7 +97,9 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     required = np.where(problem.equality, np.abs(bound), np.maximum(bound, 0.0))
     pull = rows.jacobian.T @ lack
     if problem.radius is not None:
-        _require_least_in_ball(solver, problem, answer, pull, max(problem.radius, float(required.max(initial=0.0))))
+        unit = max(problem.radius, float(required.max(initial=0.0)))
+        _require_least_in_ball(solver, problem, answer, pull, unit)
+        _require_best_climb(solver, problem, answer, rows.times_length(lack))
         return
     unit = max(length(euclidean(problem).gradient), length(value), float(required.max(initial=0.0)))
     require_at_most(
@@ -127,13 +130,44 @@ def _require_least_in_ball(
     )
 
 
+def _require_best_climb(solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray) -> None:
+    """Where the ball holds d back from less violation, d is the only one, and the reference may claim nothing."""
+    relaxed = _relaxed(problem, lack, float(problem.radius or 0.0))
+    try:
+        best, its_tolerance = reference_optimum(relaxed)
+    except NothingClaimed:
+        return
+    epsilon = tolerance_of(solver) + its_tolerance + _ROUNDING
+    epsilon *= (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
+    radius, strength = float(problem.radius or 0.0), length(euclidean(problem).gradient)
+    kappa, directions = best.radius_multiplier, (answer.value, best.value)
+    if kappa > 0.0:
+        allowed = distance_bound(relaxed, epsilon, *directions, radius_multiplier=kappa)
+    else:
+        allowed = relative_distance(relaxed, epsilon) * max(radius, *(length(whitened(problem, d)) for d in directions))
+    require_at_most(
+        float(problem.gradient @ (best.value - answer.value)) / (strength or 1.0),
+        allowed,
+        "gᵀ(d* − d) / ‖g‖, d* the best climb of those in the ball that violate least",
+        "Of all directions in the ball that violate the constraints least, take the one that climbs most.",
+        problem,
+        answer,
+        best,
+    )
+
+
+def _relaxed(problem: DirectionProblem, lack: np.ndarray, unit: float) -> DirectionProblem:
+    """The problem that asks for no more than is there, b − r."""
+    bound = problem.bound - lack
+    rounding = np.abs(unit_rows(euclidean(problem).jacobian).per_length(bound)) <= _ROUNDING * unit
+    # With g = 0 and no other bound, noise would be the whole problem.
+    return varied(problem, bound=np.where(rounding, 0.0, bound))
+
+
 def _require_nearest(
     solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray, unit: float
 ) -> None:
-    bound = problem.bound - lack
-    rounding = np.abs(unit_rows(euclidean(problem).jacobian).per_length(bound)) <= _ROUNDING * unit
-    bound = np.where(rounding, 0.0, bound)  # with g = 0 and no other bound, noise would be the whole problem
-    relaxed = varied(problem, bound=bound)
+    relaxed = _relaxed(problem, lack, unit)
     nearest, its_tolerance = reference_optimum(relaxed)
     epsilon = tolerance_of(solver) + its_tolerance + _ROUNDING
     factor = (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)

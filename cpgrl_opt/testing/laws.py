@@ -16,7 +16,7 @@ from . import conduct, honesty, invariance, neighbours, optimality, projection_l
 from .domain import supported_cases
 from .draws import any_of, are_small, between, integers, orders
 from .families import feasible_gradients, hostile_problems, well_posed_problems
-from .geometries import constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
+from .geometries import HUGE, constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
 from .law import Outcome, varied
 from .strategies import (
     ALL_CASES,
@@ -26,6 +26,7 @@ from .strategies import (
     Case,
     direction_problems,
     infeasible_problems,
+    rescaled,
     row_factors,
     shape_for,
 )
@@ -36,6 +37,7 @@ _ANY = tuple(Case)
 _SEVERAL_ROWS = tuple(case for case in Case if case != Case.ONE_ROW)
 _WITH_INEQUALITIES = (Case.CONE, Case.BOUNDS, Case.MIXED, *GEOMETRIES)
 _BATCH_SIZES = (0, 0, 0, 0, 0, 6, 17, 64)
+_EXTREME_UNITS = ((1.0, 1e150), (1e100, 1.0), (1e-100, 1.0), (1.0, 1.0))
 _PROJECTIONS = (*ALL_CASES, Case.METRIC, Case.ONE_ROW)
 
 
@@ -100,11 +102,12 @@ def _infeasible_problems(cases: Collection[Case]) -> Problems:
     problems = infeasible_problems(cases=constraints_of(cases))
     if Case.BALL in cases:
         out_of_reach = problems_out_of_reach(cases)
-        return st.one_of(out_of_reach, out_of_reach, in_some_ball(problems))
+        return st.one_of(out_of_reach, out_of_reach, in_some_ball(problems), in_some_ball(problems, factors=HUGE))
     if Case.METRIC in cases:
         problems = st.one_of(problems, problems, in_some_metric(problems))
     if Case.RADIUS in cases:
-        problems = st.one_of(problems, problems, problems_out_of_reach(cases))
+        in_huge_ball = in_some_ball(infeasible_problems(cases=constraints_of(cases)), factors=HUGE)
+        problems = st.one_of(problems, problems, problems_out_of_reach(cases), in_huge_ball)
     return problems
 
 
@@ -199,6 +202,22 @@ def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     return {"problems": few if is_short else _lengthened(few, count)}
 
 
+@st.composite
+def _with_neighbours(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+    """A problem, one or two beside it, and as many others, some of them in extreme units; all in one geometry."""
+    n, m = shape_for(draw, cases)
+    kinds: list[Case | None] = [None, *(case for case in cases if case.is_geometry)]
+    kind = draw(any_of(kinds))
+    problems = _problems_of_shape(n, m, cases)
+    if kind is not None and Case.BALL not in cases:
+        problems = problems_in_geometry(n, m, cases=[*constraints_of(cases), kind])
+    problem, near, far = (draw(problems) for _ in range(3))
+    beside = [near] * draw(between(1, 2))
+    scale, row_scale = draw(any_of(_EXTREME_UNITS))
+    others = [rescaled(far, scale, row_factors(draw, m, row_scale)) for _ in beside]
+    return {"problem": problem, "beside": beside, "others": others}
+
+
 def _lengthened(problems: list[DirectionProblem], count: int) -> list[DirectionProblem]:
     """The same over and over, `count` in all, each time in another unit, so that no two have the same answer."""
     longer = list(problems)
@@ -252,7 +271,7 @@ _TABLE = (
     Law(
         honesty.check_least_violation,
         _infeasible,
-        (*SHIFTED_CASES, Case.METRIC, *LIMITS),
+        (*SHIFTED_CASES, *GEOMETRIES, *LIMITS),
         needs=_violates_in_part,
         about_infeasible=True,
     ),
@@ -265,6 +284,13 @@ _TABLE = (
     Law(neighbours.check_threads_do_not_meet, _two_of_every_kind, may_decline=True, part=0.3),
     Law(timing.check_time_is_in_proportion, _of_every_kind, may_decline=True, costs_time=True),
     Law(sequences.check_batch_is_loop, _batches, needs=sequences.has_batch, may_decline=True, part=0.4),
+    Law(
+        sequences.check_neighbours_change_nothing,
+        _with_neighbours,
+        needs=sequences.has_batch,
+        may_decline=True,
+        part=0.1,
+    ),
     Law(
         sequences.check_warm_start_is_cold_start,
         _batches,

@@ -48,6 +48,33 @@ def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionPro
 
 
 @law
+def check_neighbours_change_nothing(
+    solver: DirectionSolver,
+    problem: DirectionProblem,
+    beside: Sequence[DirectionProblem],
+    others: Sequence[DirectionProblem],
+) -> None:
+    """solve_batch([*beside, problem])[−1] is solve_batch([*others, problem])[−1], bit for bit.
+
+    beside, others: as many problems of its shape, rows and gradients of 1e±150 among them. Skipped for a solver without
+    solve_batch, or where it does not take all of them.
+    Source: runs are independent, so that run k is repeated exactly beside other runs.
+    """
+    batches = [[*beside, problem], [*others, problem]]
+    if not has_batch(solver) or not all(takes(solver, each) for batch in batches for each in batch):
+        raise NothingClaimed(Outcome.SKIPPED)
+    first, second = (
+        checked_answer(problem, _asked(cast(Any, solver).solve_batch, batch)[len(batch) - 1]) for batch in batches
+    )
+    if not (same_bits(first, second) and first.radius_multiplier == second.radius_multiplier):
+        raise LawBroken(
+            "an answer in a batch should not change with its neighbours, not in its last bit; found that it does. "
+            "Scale and stop each problem by its own numbers, not by those of the batch"
+            f"{described(problem, first, second)}"
+        )
+
+
+@law
 def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> None:
     """session(n, m, warm_start=True).solve finds, one problem after the other, the directions that solve finds.
 
