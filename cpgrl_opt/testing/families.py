@@ -27,7 +27,7 @@ from .draws import (
     picks,
     shape,
 )
-from .geometries import HUGE, TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
+from .geometries import TOUCHING, constraints_of, in_some_ball, problems_in_geometry, problems_out_of_reach
 from .law import varied
 from .strategies import (
     ALL_CASES,
@@ -283,12 +283,6 @@ WELL_POSED = (
         weight=2,
     ),
     Family("in a ball", "constrained policy optimization", _in_geometry(Case.RADIUS), geometry=Case.RADIUS, weight=2),
-    Family(
-        "in a huge ball",
-        "a word for none: as feasible as without it",
-        lambda cases: in_some_ball(direction_problems(cases=cases), factors=HUGE),
-        geometry=Case.RADIUS,
-    ),
     Family(
         "feasible gradient in a ball",
         "as a rule the constraints do not bind: d = radius g/‖g‖",

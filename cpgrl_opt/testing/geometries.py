@@ -16,13 +16,13 @@ Problems = st.SearchStrategy[DirectionProblem]
 
 # Units of single parameters differ by this.
 _UNITS = (1.0, 2.0, 0.5, 16.0, 1 / 16)
-# Radii, in units of the length of the shortest direction that the constraints allow.
-REACHING = (2.0, 1.25, 8.0)
+# Radii, in units of the length of the shortest direction that the constraints allow; the huge ones are as people
+# write "none".
+HUGE = (1e3, 1e6)
+REACHING = (2.0, 1.25, 8.0, *HUGE)
 _MISSING = (0.5, 0.125)
 # A few digits from touching: κ is as large as their root is small.
-TOUCHING = (1.0, 1.0 + 1e-3, 1.0 + 1e-6, 1.0 + 1e-9, 1.0 - 1e-6)
-# As people write "none".
-HUGE = (1e6, 1e9, 1e12)
+TOUCHING = (1.0, 1.0 + 1e-3, 1.0 + 1e-6, 1.0 + 1e-9)
 
 
 def constraints_of(cases: Collection[Case]) -> list[Case]:

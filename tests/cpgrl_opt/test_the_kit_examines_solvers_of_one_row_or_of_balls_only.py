@@ -34,7 +34,8 @@ ONE_ROW_BALL = [Case.CONE, Case.BOUNDS, Case.RADIUS, Case.ONE_ROW, Case.BALL]
 NOT_OF_CPO = {
     *("check_gradient_kept_when_feasible", "check_idempotence", "check_non_expansiveness", "check_symmetry"),
     *("check_firm_non_expansiveness", "check_restoration_is_normal", "check_permutation", "check_duplicate_row"),
-    *("check_inactive_row", "check_batch_is_loop", "check_warm_start_is_cold_start"),
+    *("check_inactive_row", "check_batch_is_loop", "check_neighbours_change_nothing"),
+    "check_warm_start_is_cold_start",
 }
 
 
@@ -127,7 +128,7 @@ def test_a_law_puts_nothing_to_a_limited_solver_that_it_does_not_take(law):
 
 
 ADDS_ROWS = {"check_permutation", "check_duplicate_row", "check_inactive_row", "check_least_violation"}
-ABOUT_MANY = {"check_batch_is_loop", "check_warm_start_is_cold_start"}
+ABOUT_MANY = {"check_batch_is_loop", "check_neighbours_change_nothing", "check_warm_start_is_cold_start"}
 PROJECTIONS = NOT_OF_CPO - ADDS_ROWS - ABOUT_MANY
 
 
