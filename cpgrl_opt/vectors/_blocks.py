@@ -5,9 +5,11 @@
     combine              d = Vᵀ(w + w′), in pairs summed with 106 bits and rounded once; r = d − g − Jᵀμ; r·r, J d, d·d
     measure              the measures of a d that is there already
 
-Row 0 is g, row i is Jᵢ; `where` holds the address of each and how many bytes lie from one of its numbers to the next.
-Numbers side by side are read where they are, others are gathered a block at a time. Sums of a block may be reordered by
-the compiler, always in the same way, so that an answer repeats; sums in pairs may not.
+Vectors may come in leaves, `counts` numbers each. Row 0 of a leaf is g's part, row i that of Jᵢ; `where` holds the
+address of each, how many bytes lie from one of its numbers to the next, and how many one has. Numbers of float64 side
+by side are read where they are, others, of float32 too, are gathered a block at a time, so that all sums are of float64.
+Sums of a block may be reordered by the compiler, always in the same way, so that an answer repeats; sums in pairs may
+not. What is written to `places` is rounded to their dtype after it was measured.
 Source of the pairs: Dekker 1971; Ogita, Rump & Oishi 2005, Algorithms 3.1, 3.3, 5.3. Importing this imports numba; each
 pass is compiled, or loaded from the cache, when it is first called.
 """
@@ -34,8 +36,9 @@ _LANES = 256  # sums in pairs run side by side in so many lanes, so that the pro
 # the first-level cache, and 31 rows take four times as long.
 _APART = _BLOCK + 8
 _COLUMNS = 16
-_BYTES = 8  # of a number
-_WHERE, _VECTOR = "Array(i8, 2, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
+_BYTES, _SINGLE = 8, 4  # of a number
+_WHERE, _VECTOR = "Array(i8, 3, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
+_COUNTS, _PLACES = "Array(i8, 1, 'C', readonly=True)", "Array(i8, 2, 'C', readonly=True)"
 
 
 def _reordered(function: Any) -> Any:
@@ -56,45 +59,70 @@ def _entry(*signature: str) -> Any:
 
 
 def _numbers_at(address: int, count: int) -> Any:
-    """The numbers that lie side by side from an address on."""
+    """The numbers of float64 that lie side by side from an address on."""
     return np.ctypeslib.as_array((ctypes.c_double * int(count)).from_address(int(address)))
 
 
-@intrinsic
-def _pointer(_context: Any, _address: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.CPointer(types.float64)(types.int64), generate
+def _singles_at(address: int, count: int) -> Any:
+    """The same of float32."""
+    return np.ctypeslib.as_array((ctypes.c_float * int(count)).from_address(int(address)))
 
 
-@overload(_numbers_at)
-def _compiled_numbers_at(address: Any, count: Any) -> Any:  # noqa: ARG001 - numba goes by the names
-    def numbers(address: Any, count: Any) -> Any:
-        return carray(_pointer(address), count)
+def _teach(function: Any, dtype: Any) -> None:
+    """What `function` does, for numba."""
 
-    return numbers
+    @intrinsic
+    def pointer(_context: Any, _address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return types.CPointer(dtype)(types.int64), generate
+
+    @overload(function)
+    def compiled(address: Any, count: Any) -> Any:  # noqa: ARG001 - numba goes by the names
+        def numbers(address: Any, count: Any) -> Any:
+            return carray(pointer(address), count)
+
+        return numbers
+
+
+_teach(_numbers_at, types.float64)
+_teach(_singles_at, types.float32)
+
+
+@_plain
+def _lies_ready(place: Any) -> bool:
+    """Whether its numbers can be read where they are."""
+    return bool(place[1] == _BYTES and place[2] == _BYTES)
 
 
 @_plain
 def _gather(where: Any, start: int, width: int, buffer: Any) -> None:
-    """Rows of the buffer ← the block of those whose numbers lie apart; some columns at a time, which may be neighbours.
+    """Rows of the buffer ← the block of those that do not lie ready; some columns at a time, which may be neighbours.
 
     Column by column, loops over five rows take twice as long to start as to run.
     """
-    if (where[:, 1] != _BYTES).any():
+    for i in range(where.shape[0]):
+        if where[i, 2] == _SINGLE and where[i, 1] == _SINGLE:
+            singles = _singles_at(where[i, 0] + start * _SINGLE, width)
+            for t in range(width):
+                buffer[i, t] = singles[t]
+    if (where[:, 1] != where[:, 2]).any():
         for first in range(0, width, _COLUMNS):
             for i in range(where.shape[0]):
                 step, address = where[i, 1], where[i, 0] + start * where[i, 1]
-                if step != _BYTES:
+                if step != where[i, 2]:
                     for t in range(first, min(first + _COLUMNS, width)):
-                        buffer[i, t] = _numbers_at(address + t * step, 1)[0]
+                        if where[i, 2] == _BYTES:
+                            buffer[i, t] = _numbers_at(address + t * step, 1)[0]
+                        else:
+                            buffer[i, t] = _singles_at(address + t * step, 1)[0]
 
 
 @_plain
 def _row(where: Any, i: int, start: int, width: int, buffer: Any) -> Any:
     """A block of row i, where it lies or as it was gathered."""
-    return _numbers_at(where[i, 0] + start * _BYTES, width) if where[i, 1] == _BYTES else buffer[i, :width]
+    return _numbers_at(where[i, 0] + start * _BYTES, width) if _lies_ready(where[i]) else buffer[i, :width]
 
 
 @_reordered
@@ -198,29 +226,36 @@ def _measure_block(d: Any, forced: Any, where: Any, start: int, buffer: Any, sum
     sums[1 + m] += length
 
 
-@_entry(_WHERE, "i8", "f8[:, ::1]")
-def gramian(where: Any, n: int, out: Any) -> None:
-    """K."""
+@_plain
+def _add_inner(where: Any, start: int, width: int, buffer: Any, out: Any) -> None:
+    """The lower triangle of out += K of a block."""
     count = where.shape[0]
-    buffer = np.empty((count, _APART))
+    for i in range(0, count, 3):
+        a = _row(where, i, start, width, buffer)
+        b = _row(where, min(i + 1, count - 1), start, width, buffer)
+        c = _row(where, min(i + 2, count - 1), start, width, buffer)
+        for j in range(0, i + 1, 3):
+            if j == i:
+                sums = _six_inner(a, b, c)
+            else:
+                x = _row(where, j, start, width, buffer)
+                y = _row(where, j + 1, start, width, buffer)
+                sums = _nine_inner(a, b, c, x, y, _row(where, j + 2, start, width, buffer))
+            for k in range(min(3, count - i)):
+                for q in range(min(3, i + k - j + 1)):
+                    out[i + k, j + q] += sums[k][q]
+
+
+@_entry(_WHERE, _COUNTS, "f8[:, ::1]")
+def gramian(where: Any, counts: Any, out: Any) -> None:
+    """K."""
+    buffer = np.empty((where.shape[1], _APART))
     out[:] = 0.0
-    for start in range(0, n, _BLOCK):
-        width = min(_BLOCK, n - start)
-        _gather(where, start, width, buffer)
-        for i in range(0, count, 3):
-            a = _row(where, i, start, width, buffer)
-            b = _row(where, min(i + 1, count - 1), start, width, buffer)
-            c = _row(where, min(i + 2, count - 1), start, width, buffer)
-            for j in range(0, i + 1, 3):
-                if j == i:
-                    sums = _six_inner(a, b, c)
-                else:
-                    x = _row(where, j, start, width, buffer)
-                    y = _row(where, j + 1, start, width, buffer)
-                    sums = _nine_inner(a, b, c, x, y, _row(where, j + 2, start, width, buffer))
-                for k in range(min(3, count - i)):
-                    for q in range(min(3, i + k - j + 1)):
-                        out[i + k, j + q] += sums[k][q]
+    for leaf in range(len(counts)):
+        for start in range(0, counts[leaf], _BLOCK):
+            width = min(_BLOCK, counts[leaf] - start)
+            _gather(where[leaf], start, width, buffer)
+            _add_inner(where[leaf], start, width, buffer, out)
     _mirror(out)
 
 
@@ -257,22 +292,31 @@ def _sum_pairs(total: Any, rest: Any) -> tuple[float, float]:
     return high + low, low - ((high + low) - high)
 
 
-@_entry(_WHERE, "i8", "f8[:, ::1]", "f8[:, ::1]")
-def gramian_in_pairs(where: Any, n: int, out: Any, out_low: Any) -> None:
+@_plain
+def _add_inner_in_pairs(
+    where: Any, start: int, width: int, buffer: Any, high: Any, low: Any, totals: Any, rests: Any
+) -> None:
+    """totals + rests += K of a block, lane by lane."""
+    for i in range(where.shape[0]):
+        x, x_high, x_low = _row(where, i, start, width, buffer), high[i, :width], low[i, :width]
+        _split_row(x, x_high, x_low)
+        for j in range(i + 1):
+            y, y_high, y_low = _row(where, j, start, width, buffer), high[j, :width], low[j, :width]
+            _add_products(x, x_high, x_low, y, y_high, y_low, totals[i, j, :width], rests[i, j, :width])
+
+
+@_entry(_WHERE, _COUNTS, "f8[:, ::1]", "f8[:, ::1]")
+def gramian_in_pairs(where: Any, counts: Any, out: Any, out_low: Any) -> None:
     """K as hi + lo, each number of 106 bits; few rows get many lanes, many rows few."""
-    count = where.shape[0]
+    count = where.shape[1]
     lanes = max(8, min(_LANES, _MOST_SUMS // (count * count) // 8 * 8))
     buffer, high, low = np.empty((count, lanes + 8)), np.empty((count, lanes)), np.empty((count, lanes))
     totals, rests = np.zeros((count, count, lanes)), np.zeros((count, count, lanes))
-    for start in range(0, n, lanes):
-        width = min(lanes, n - start)
-        _gather(where, start, width, buffer)
-        for i in range(count):
-            x, x_high, x_low = _row(where, i, start, width, buffer), high[i, :width], low[i, :width]
-            _split_row(x, x_high, x_low)
-            for j in range(i + 1):
-                y, y_high, y_low = _row(where, j, start, width, buffer), high[j, :width], low[j, :width]
-                _add_products(x, x_high, x_low, y, y_high, y_low, totals[i, j, :width], rests[i, j, :width])
+    for leaf in range(len(counts)):
+        for start in range(0, counts[leaf], lanes):
+            width = min(lanes, counts[leaf] - start)
+            _gather(where[leaf], start, width, buffer)
+            _add_inner_in_pairs(where[leaf], start, width, buffer, high, low, totals, rests)
     for i in range(count):
         for j in range(i + 1):
             out[i, j], out_low[i, j] = _sum_pairs(totals[i, j], rests[i, j])
@@ -303,34 +347,58 @@ def _combine_block_in_pairs(d: Any, rest: Any, weights: Any, more: Any, where: A
         d[t] += rest[t]
 
 
-@_entry(_WHERE, "i8", _VECTOR, _VECTOR, _VECTOR, "b1", "f8[::1]", "f8[::1]")
-def combine(where: Any, n: int, weights: Any, more: Any, forces: Any, pairs: bool, out: Any, sums: Any) -> None:
-    """out ← Vᵀ(weights + more), the latter only where pairs; sums ← [r·r, J d …, d·d], r = d − Vᵀforces."""
-    forced, rest, buffer = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((where.shape[0], _APART))
+@_plain
+def _round_into(place: Any, start: int, d: Any) -> None:
+    """The block of the place ← d, in its dtype; nothing where d is that block."""
+    if place[2] == _SINGLE:
+        rounded = _singles_at(place[0] + start * _SINGLE, d.shape[0])
+        for t in range(d.shape[0]):
+            rounded[t] = d[t]
+
+
+@_plain
+def _block_of(place: Any, start: int, width: int, block: Any) -> Any:
+    """Where a block of d is made: its place, or beside it."""
+    return _numbers_at(place[0] + start * _BYTES, width) if place[2] == _BYTES else block[:width]
+
+
+@_entry(_WHERE, _COUNTS, _VECTOR, _VECTOR, _VECTOR, "b1", _PLACES, "f8[::1]")
+def combine(where: Any, counts: Any, weights: Any, more: Any, forces: Any, pairs: bool, places: Any, sums: Any) -> None:
+    """places ← Vᵀ(weights + more), the latter only where pairs; sums ← [r·r, J d …, d·d], r = d − Vᵀforces."""
+    forced, rest, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    buffer = np.empty((where.shape[1], _APART))
     chosen = _chosen(np.zeros_like(weights) if pairs else weights, forces)
     sums[:] = 0.0
-    for start in range(0, n, _BLOCK):
-        d = out[start : min(start + _BLOCK, n)]
-        width = d.shape[0]
-        _gather(where, start, width, buffer)
-        d[:] = 0.0
-        forced[:width] = 0.0
-        if pairs:
-            _combine_block_in_pairs(d, rest[:width], weights, more, where, start, buffer)
-        _combine_block(d, forced[:width], chosen, where, start, buffer)
-        _measure_block(d, forced[:width], where, start, buffer, sums)
+    for leaf in range(len(counts)):
+        for start in range(0, counts[leaf], _BLOCK):
+            width = min(_BLOCK, counts[leaf] - start)
+            d = _block_of(places[leaf], start, width, block)
+            _gather(where[leaf], start, width, buffer)
+            d[:] = 0.0
+            forced[:width] = 0.0
+            if pairs:
+                _combine_block_in_pairs(d, rest[:width], weights, more, where[leaf], start, buffer)
+            _combine_block(d, forced[:width], chosen, where[leaf], start, buffer)
+            _measure_block(d, forced[:width], where[leaf], start, buffer, sums)
+            _round_into(places[leaf], start, d)
 
 
-@_entry(_WHERE, "i8", _VECTOR, _VECTOR, "f8[::1]")
-def measure(where: Any, n: int, direction: Any, forces: Any, sums: Any) -> None:
-    """sums ← [r·r, J d …, d·d]."""
-    forced, unused, buffer = np.empty(_BLOCK), np.empty(_BLOCK), np.empty((where.shape[0], _APART))
+@_entry(_WHERE, _COUNTS, _PLACES, _VECTOR, "f8[::1]")
+def measure(where: Any, counts: Any, places: Any, forces: Any, sums: Any) -> None:
+    """sums ← [r·r, J d …, d·d] of the d that lies in the places, side by side."""
+    forced, unused, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    buffer = np.empty((where.shape[1], _APART))
     chosen = _chosen(forces, forces)
     sums[:] = 0.0
-    for start in range(0, n, _BLOCK):
-        d = direction[start : min(start + _BLOCK, n)]
-        width = d.shape[0]
-        _gather(where, start, width, buffer)
-        forced[:width], unused[:width] = 0.0, 0.0
-        _combine_block(unused[:width], forced[:width], chosen, where, start, buffer)
-        _measure_block(d, forced[:width], where, start, buffer, sums)
+    for leaf in range(len(counts)):
+        for start in range(0, counts[leaf], _BLOCK):
+            width = min(_BLOCK, counts[leaf] - start)
+            d = _block_of(places[leaf], start, width, block)
+            if places[leaf, 2] == _SINGLE:
+                singles = _singles_at(places[leaf, 0] + start * _SINGLE, width)
+                for t in range(width):
+                    d[t] = singles[t]
+            _gather(where[leaf], start, width, buffer)
+            forced[:width], unused[:width] = 0.0, 0.0
+            _combine_block(unused[:width], forced[:width], chosen, where[leaf], start, buffer)
+            _measure_block(d, forced[:width], where[leaf], start, buffer, sums)

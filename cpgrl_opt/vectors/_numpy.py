@@ -1,4 +1,4 @@
-"""NumPy arrays of float64: one of g and one of the rows of J, in any order of storage."""
+"""Arrays in this process's memory: of g and of the rows of J, in any order of storage, in one leaf or many."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from .interface import Certificate
 # `active-set` the two meet at n = 30 000 with one constraint, 7000 with five, 1200 with fifteen and 500 with fifty.
 LEAST_PRODUCTS = 1_000_000
 
-_FLOAT64 = np.dtype(np.float64)
+DTYPES = np.dtype(np.float64), np.dtype(np.float32)
+Leaf = tuple[Any, Any]
 
 
 def is_long(m: int, n: int) -> bool:
@@ -32,23 +33,26 @@ def _blocks() -> Any:
     return compiled
 
 
-@dataclass(frozen=True, eq=False)
-class ArrayVectors:
-    """g (n,) and J, one array (m, n) or its rows apart."""
+class LeafVectors:
+    """Vectors that lie in this process's memory, in one leaf or many: g's parts and those of the rows of J."""
 
-    gradient: Vector
-    jacobian: Jacobian | tuple[Vector, ...]
+    @cached_property
+    def leaves(self) -> tuple[Leaf, ...]:
+        """(g's part (k,), J's part (m, k) or its rows apart) of each leaf, of float64 or float32."""
+        raise NotImplementedError
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what was found: the arrays of a copy lie elsewhere."""
-        return {"gradient": self.gradient, "jacobian": self.jacobian}
+    def rebuilt(self, parts: list[np.ndarray]) -> Any:
+        """The caller's kind of vector, of one array (k,) a leaf."""
+        raise NotImplementedError
+
+    def taken_apart(self, direction: Any) -> list[np.ndarray]:
+        """The other way, contiguous."""
+        raise NotImplementedError
 
     @property
     def shape(self) -> tuple[int, int]:
         """(m, n), by the rows."""
-        if isinstance(self.jacobian, tuple):
-            return len(self.jacobian), len(self.jacobian[0])
-        return self.jacobian.shape[0], self.jacobian.shape[1]
+        return len(self.leaves[0][1]), sum(len(g) for g, _ in self.leaves)
 
     def lengths(self) -> Float[np.ndarray, "channels"]:
         """Of g and of each row; over- or underflows with their squares."""
@@ -60,69 +64,110 @@ class ArrayVectors:
 
     def are_finite(self) -> bool:
         """No NaN and no infinity: seen in K, unless squares overflow."""
-        return math.isfinite(self._gramian.trace()) or all(map(is_finite, (self.gradient, *self.jacobian)))
+        if math.isfinite(self._gramian.trace()):
+            return True
+        return all(is_finite(part) for g, J in self.leaves for part in (g, *J))
 
     @cached_property
     def _gramian(self) -> np.ndarray:
         K = self._square()
-        _blocks().gramian(self._where, len(self.gradient), K)
+        _blocks().gramian(*self._where, K)
         return K
 
     def gramian_in_pairs(self) -> Pair:
         """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
         K = Pair(self._square(), self._square())
-        _blocks().gramian_in_pairs(self._where, len(self.gradient), K.hi, K.lo)
+        _blocks().gramian_in_pairs(*self._where, K.hi, K.lo)
         return K
 
     def is_zero(self, index: int) -> bool:
         """In one pass over that vector."""
-        return not (self.gradient if index == 0 else self.jacobian[index - 1]).any()
+        return not any((g if index == 0 else J[index - 1]).any() for g, J in self.leaves)
 
-    def combine(self, weights: Pair, multipliers: Multipliers, kappa: float = 1.0) -> tuple[Vector, Certificate]:
-        """d of float64, in one pass with its certificate."""
-        scale = kappa or 1.0
-        forces = np.append(1.0, multipliers) / scale
+    def combine(self, weights: Pair, multipliers: Multipliers, kappa: float = 1.0) -> tuple[Any, Certificate]:
+        """d, in one pass with its certificate, which is of d before it is rounded to a leaf's dtype."""
+        forces = np.append(1.0, multipliers) / (kappa or 1.0)
         d, sums = self._combine(weights.hi, weights.lo, forces, bool(weights.lo.any()))
         return d, self._certificate(sums, multipliers, kappa)
 
-    def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Vector, Float[np.ndarray, "k"]]:
+    def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Any, Float[np.ndarray, "k"]]:
         """d = Vᵀ(1, μ) in one pass, and r·r, J d, d·d."""
         return self._combine(weights, np.zeros(len(weights)), weights, in_pairs=False)
 
     def _combine(self, weights: Any, more: Any, forces: Any, in_pairs: bool) -> tuple[Any, Any]:
-        d, sums = np.empty(self.gradient.shape), np.empty(1 + len(forces))
-        _blocks().combine(self._where, len(d), weights, more, forces, in_pairs, d, sums)
-        return d, sums
+        parts, sums = [np.empty(len(g), g.dtype) for g, _ in self.leaves], np.empty(1 + len(forces))
+        _blocks().combine(*self._where, weights, more, forces, in_pairs, _places(parts), sums)
+        return self.rebuilt(parts), sums
 
-    def certificate(self, direction: Vector, multipliers: Multipliers, kappa: float = 1.0) -> Certificate:
+    def certificate(self, direction: Any, multipliers: Multipliers, kappa: float = 1.0) -> Certificate:
         """In one pass; in two where κ = 0."""
-        d, forces = np.ascontiguousarray(direction), np.append(1.0, multipliers) / (kappa or 1.0)
+        return self._measure(self.taken_apart(direction), multipliers, kappa)
+
+    def _measure(self, parts: list[np.ndarray], multipliers: Multipliers, kappa: float) -> Certificate:
+        forces = np.append(1.0, multipliers) / (kappa or 1.0)
         sums = np.empty(1 + len(forces))
-        _blocks().measure(self._where, len(d), d, forces, sums)
+        _blocks().measure(*self._where, _places(parts), forces, sums)
         return self._certificate(sums, multipliers, kappa)
 
     def _certificate(self, sums: np.ndarray, multipliers: Multipliers, kappa: float) -> Certificate:
         """Of κ times the rest d − (g + Jᵀμ)/κ; where κ = 0 the rest is that of d = 0."""
         if kappa == 0.0:
-            rest = self.certificate(np.zeros(self.gradient.shape), multipliers).rest
+            nothing = [np.zeros(len(g)) for g, _ in self.leaves]
+            rest = self._measure(nothing, multipliers, 1.0).rest
         else:
             rest = abs(kappa) * math.sqrt(sums[0])
         return Certificate(rest, sums[1:-1], math.sqrt(sums[-1]))
 
     def _square(self) -> np.ndarray:
-        count = 1 + len(self.jacobian)
+        count = 1 + len(self.leaves[0][1])
         return np.empty((count, count))
 
     @cached_property
-    def _where(self) -> np.ndarray:
-        """Address of each vector, and bytes from one of its numbers to the next."""
-        g, J = self.gradient, self.jacobian
-        parts = (g, *J) if isinstance(J, tuple) else (g, J)
-        for array in parts:  # what lies at an address nobody checks again
-            if array.dtype != _FLOAT64 or array.shape[-1] != len(g):
-                raise ValueError(f"vectors should be of {len(g)} float64; found {array.dtype}, shape {array.shape}")
-        places = [(array.__array_interface__["data"][0], array.strides[-1]) for array in parts]
-        if not isinstance(J, tuple):
-            (start, step), to_next = places.pop(), J.strides[0]
-            places += [(start + i * to_next, step) for i in range(len(J))]
-        return np.array(places, np.int64)
+    def _where(self) -> tuple[np.ndarray, np.ndarray]:
+        """Address of each vector in each leaf, bytes from one of its numbers to the next and of one; and numbers."""
+        counts = np.array([len(g) for g, _ in self.leaves], np.int64)
+        return np.array([_places_of(g, J) for g, J in self.leaves], np.int64), counts
+
+
+def _places_of(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> list[tuple[int, int, int]]:
+    parts = (g, *J) if isinstance(J, tuple) else (g, J)
+    for array in parts:  # what lies at an address nobody checks again
+        if array.dtype not in DTYPES or array.shape[-1] != len(g):
+            raise ValueError(
+                f"vectors should be of {len(g)} float64 or float32; found {array.dtype}, shape {array.shape}"
+            )
+    places = [(array.__array_interface__["data"][0], array.strides[-1], array.itemsize) for array in parts]
+    if not isinstance(J, tuple):
+        (start, step, size), to_next = places.pop(), J.strides[0]
+        places += [(start + i * to_next, step, size) for i in range(len(J))]
+    return places
+
+
+def _places(parts: list[np.ndarray]) -> np.ndarray:
+    """Of arrays whose numbers lie side by side."""
+    return np.array([(part.__array_interface__["data"][0], part.itemsize, part.itemsize) for part in parts], np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayVectors(LeafVectors):
+    """g (n,) and J, one array (m, n) or its rows apart."""
+
+    gradient: Vector
+    jacobian: Jacobian | tuple[Vector, ...]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what was found: the arrays of a copy lie elsewhere."""
+        return {"gradient": self.gradient, "jacobian": self.jacobian}
+
+    @cached_property
+    def leaves(self) -> tuple[Leaf, ...]:
+        """One."""
+        return ((self.gradient, self.jacobian),)
+
+    def rebuilt(self, parts: list[np.ndarray]) -> Any:
+        """It is d."""
+        return parts[0]
+
+    def taken_apart(self, direction: Any) -> list[np.ndarray]:
+        """Contiguous."""
+        return [np.ascontiguousarray(direction)]
