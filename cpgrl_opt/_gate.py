@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import ArrayLike, Float, Vector
+from .arrays import ArrayLike, Float
 from .validation import (
     finite_array,
     freeze,
@@ -18,7 +18,7 @@ from .validation import (
     real_view,
     require_shape,
 )
-from .vectors import ArrayVectors, is_long
+from .vectors import ArrayVectors, LeafVectors, TreeVectors, is_long, is_tree
 
 _FLOAT64 = np.dtype(np.float64)
 
@@ -73,18 +73,38 @@ def require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None
         raise ValueError("gradient should have at least one component; found none")
 
 
-def view_long_vectors(gradient: ArrayLike, jacobian: ArrayLike) -> ArrayVectors | None:
-    """g and J where they lie, if J is an array or a list of arrays, of float64 and long; None for all else."""
+def view_vectors(gradient: Any, jacobian: Any) -> LeafVectors | None:
+    """g and J where they lie: a tree, a tensor, float32; or long arrays of float64, J one or a list of rows.
+
+    None for all else.
+    """
+    if (type(gradient) is not np.ndarray or gradient.dtype is not _FLOAT64) and is_tree(gradient):
+        vectors = TreeVectors(gradient, jacobian)
+        if vectors.shape[1] == 0:
+            raise ValueError("gradient should have at least one component; found none")
+        return vectors
     if type(jacobian) is np.ndarray:
         if jacobian.ndim != 2 or not is_long(*jacobian.shape):
             return None
-        return ArrayVectors(real_view("gradient", gradient, 1), real_view("jacobian", jacobian, 2))
-    if not isinstance(jacobian, list | tuple) or not all(map(_is_vector, jacobian)):
-        return None
-    rows: tuple[Vector, ...] = tuple(map(read_only, jacobian))
-    if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
-        return None
-    return ArrayVectors(real_view("gradient", gradient, 1), rows)
+        rows: Any = real_view("jacobian", jacobian, 2)
+    else:
+        if not isinstance(jacobian, list | tuple) or not all(map(_is_vector, jacobian)):
+            return None
+        rows = tuple(map(read_only, jacobian))
+        if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
+            return None
+    view = ArrayVectors(real_view("gradient", gradient, 1), rows)
+    require_gradient_shape(view.gradient, (len(rows), len(rows[0])))
+    return view
+
+
+def metric_of_rows(vectors: LeafVectors, metric: Any) -> Any:
+    """A metric of the caller's kind as one of arrays of float64: a tree of positive numbers, or a function of trees."""
+    if metric is None or not isinstance(vectors, TreeVectors):
+        return metric
+    if callable(metric):
+        return lambda row: vectors.row_of(metric(vectors.from_row(row)))
+    return metric if isinstance(metric, np.ndarray) and metric.ndim == 2 else vectors.row_of(metric)
 
 
 def _is_vector(row: object) -> bool:

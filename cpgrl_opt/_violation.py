@@ -74,7 +74,7 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
 
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
-    d = real_values("d", d)
+    d = problem.row_of(d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
         return math.inf
@@ -91,7 +91,7 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     it, s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E) and no more than the radius: 0 where d is in the ball and no other point of it
     violates less, Π(d + Ĵᵀr) being a step of projected descent.
     """
-    d = real_values("d", d)
+    d = problem.row_of(d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
         return math.inf
@@ -148,7 +148,7 @@ def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> boo
 
     No direction shorter than b̂ᵀŷ/‖Ĵᵀŷ‖ meets them. In a ball g is no length.
     """
-    flat, size, radius = _flatten(problem, d)
+    flat, size, radius = _flatten(problem, problem.row_of(d))
     if problem.metric is not None and np.isfinite(y).all() and y.any():
         y = flatten(problem).proof(y)
     proof, length = _read(flat, y), norm(size)

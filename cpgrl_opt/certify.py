@@ -146,7 +146,7 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
 
     Free of the scale of g, of J and of each row. Raises ValueError when value or multipliers have a wrong shape.
     """
-    d, mu = real_values("direction.value", direction.value), real_values("direction.multipliers", direction.multipliers)
+    d, mu = problem.row_of(direction.value), real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
     kappa = float(getattr(direction, "radius_multiplier", 0.0))
@@ -183,7 +183,7 @@ def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool
 def _look_and_measure(problem: DirectionProblem, answer: Direction) -> tuple[KKTResiduals, Evidence | None]:
     """The residuals, and what they were measured on; hopeless where nothing tells."""
     kappa = 1.0 if problem.radius is None else answer.radius_multiplier
-    for seen in gather_evidence(problem, answer.value, answer.multipliers, kappa):
+    for seen in gather_evidence(problem, problem.row_of(answer.value), answer.multipliers, kappa):
         residuals = _measure(seen)
         if residuals is not None:
             return residuals, seen

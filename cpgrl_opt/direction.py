@@ -4,11 +4,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from .arrays import Bool, Float, Int, Multipliers, Vector
+from .arrays import Bool, Float, Int, Multipliers
 from .validation import read_only, real_values, require_shape
 
 
@@ -76,7 +76,8 @@ class DirectionError(RuntimeError):
 class Direction:
     """d = g + Jᵀμ with its multipliers μ (≥ 0 on inequalities) and what is claimed of it.
 
-    In a metric Md = g + Jᵀμ, in a ball κMd = g + Jᵀμ. value: (n,); multipliers: (m,), for INFEASIBLE a Farkas vector y
+    In a metric Md = g + Jᵀμ, in a ball κMd = g + Jᵀμ. value: (n,), or in the
+    form in which g came; multipliers: (m,), for INFEASIBLE a Farkas vector y
     (y ≥ 0 on I, Jᵀy = 0, bᵀy > 0; or bᵀy > radius ‖Jᵀy‖_M⁻¹ where the ball misses the constraints).
     iterations: as the method counts them; radius_multiplier κ ≥ 0: 0 where the ball is slack, or there is none;
     residuals: those that an OPTIMAL was granted on, else None; rung: how g and J were looked at, "gramian", "pairs"
@@ -84,7 +85,7 @@ class Direction:
     Source: §2.3 of the paper, where λ = −μ.
     """
 
-    value: Vector
+    value: Any  # Vector, or what it stands for
     multipliers: Multipliers
     status: Status
     iterations: int = 0
@@ -95,7 +96,7 @@ class Direction:
     @classmethod
     def found(
         cls,
-        value: Vector,
+        value: Any,
         multipliers: Multipliers,
         status: Status,
         iterations: int,

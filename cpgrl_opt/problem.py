@@ -15,18 +15,19 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from ._gate import check_arrays, check_bounds, check_radii, require_gradient_shape, view_long_vectors
+from ._gate import check_arrays, check_bounds, check_radii, metric_of_rows, view_vectors
 from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
 from .metric import Whitening, validated_metric
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import (
     ReadOnlyArrays,
+    freeze,
     read_only,
     real_values,
     require_finite,
     require_positive,
 )
-from .vectors import ArrayVectors, is_long
+from .vectors import ArrayVectors, LeafVectors, TreeVectors, is_long
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -64,7 +65,7 @@ class DirectionProblem:
         metric_tolerance: Number = TOLERANCE,
         metric_iterations: Number = ITERATIONS,
     ) -> None:
-        vectors = view_long_vectors(gradient, jacobian)
+        vectors = view_vectors(gradient, jacobian)
         if vectors is None:
             g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 1)
             long = type(jacobian) is not np.ndarray and is_long(*J.shape)
@@ -72,8 +73,8 @@ class DirectionProblem:
             n = len(g)
         else:
             m, n = vectors.shape
-            require_gradient_shape(vectors.gradient, (m, n))
             self._look_at(vectors, *check_bounds(bound, equality, (m,)))
+            metric = metric_of_rows(vectors, metric)
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n, metric_tolerance, metric_iterations))
         if radius is not None:
@@ -89,25 +90,43 @@ class DirectionProblem:
         made = partial(DirectionProblem, metric_tolerance=M.tolerance, metric_iterations=M.iterations)
         return made, arguments
 
-    def _look_at(self, vectors: ArrayVectors, bound: Multipliers, equality: Mask) -> None:
+    def _look_at(self, vectors: LeafVectors, bound: Multipliers, equality: Mask) -> None:
         if not vectors.are_finite():
-            require_finite("gradient", vectors.gradient)
-            for row in vectors.jacobian:
-                require_finite("jacobian", row)
-        known = {"gradient": vectors.gradient, "bound": bound, "equality": equality}
-        vars(self).update(known, is_long=True, _vectors=vectors)
-        if isinstance(vectors.jacobian, np.ndarray):
-            vars(self).update(jacobian=vectors.jacobian)
+            for index, (g, J) in enumerate(vectors.leaves):
+                where = f", leaf {index}" if len(vectors.leaves) > 1 else ""
+                require_finite(f"gradient{where}", g)
+                for row in J:
+                    require_finite(f"jacobian{where}", row)
+        vars(self).update(bound=bound, equality=equality, is_long=True, _vectors=vectors)
+        if isinstance(vectors, ArrayVectors):
+            vars(self).update(gradient=vectors.gradient)
+            if isinstance(vectors.jacobian, np.ndarray):
+                vars(self).update(jacobian=vectors.jacobian)
 
     if not TYPE_CHECKING:  # which would believe in any attribute
 
-        def __getattr__(self, name: str) -> Jacobian:
-            # Rows apart are put together when somebody asks for J: a solve does not.
-            if name != "jacobian" or "_vectors" not in vars(self):
+        def __getattr__(self, name: str) -> Any:
+            # Rows apart and trees are put together when somebody asks for them: a solve does not.
+            if name not in ("gradient", "jacobian") or "_vectors" not in vars(self):
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            stacked = read_only(np.array(self._vectors.jacobian))
-            vars(self).update(jacobian=stacked)
-            return stacked
+            array = freeze(getattr(self._vectors, f"whole_{name}")())
+            vars(self)[name] = array
+            return array
+
+    @property
+    def is_tree(self) -> bool:
+        """Whether d comes back as g came, and not as an array of float64."""
+        return isinstance(vars(self).get("_vectors"), TreeVectors)
+
+    def row_of(self, direction: Any) -> Vector:
+        """d as an array of float64, (n,); ValueError for what has not the form of g."""
+        if self.is_tree:
+            return self.vectors.row_of(direction)
+        return real_values("direction.value", direction)
+
+    def as_given(self, row: Vector) -> Any:
+        """d in the form of g, rounded to its dtypes."""
+        return self.vectors.from_row(row) if self.is_tree else row
 
     def __copy__(self) -> "DirectionProblem":
         return self.copied()
@@ -136,22 +155,25 @@ class DirectionProblem:
         return None if self.metric is None else validated_metric(self.metric, self.n)[1]
 
     @property
-    def vectors(self) -> ArrayVectors:
+    def vectors(self) -> LeafVectors:
         """g and the rows, as the reduction to their span looks at them; keeps their inner products.
 
         Rebuilt if somebody replaced `gradient` or `jacobian`; the new arrays are not checked.
         """
-        vectors: ArrayVectors | None = vars(self).get("_vectors")
-        rows = vars(self).get("jacobian", vectors and vectors.jacobian)  # not there: rows apart
-        if vectors is None or vectors.gradient is not self.gradient or vectors.jacobian is not rows:
+        vectors: LeafVectors | None = vars(self).get("_vectors")
+        if vectors is None or (isinstance(vectors, ArrayVectors) and not self._is_of(vectors)):
             vectors = ArrayVectors(self.gradient, self.jacobian)
             vars(self)["_vectors"] = vectors
         return vectors
 
+    def _is_of(self, vectors: ArrayVectors) -> bool:
+        rows = vars(self).get("jacobian", vectors.jacobian)  # not there: rows apart
+        return vectors.gradient is self.gradient and (vectors.jacobian is rows or isinstance(vectors.jacobian, tuple))
+
     @property
     def n(self) -> int:
         """Number of parameters."""
-        return len(self.gradient)
+        return self.vectors.shape[1] if self.is_tree else len(self.gradient)
 
     @property
     def m(self) -> int:

@@ -5,6 +5,7 @@ A new solver is a frozen dataclass of settings with a core, `solve_small(small) 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 from ..direction import Direction, DirectionBatch
@@ -84,7 +85,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     if not supports(solver, problem):
         return unsupported(problem)
     [answer] = refereed([problem], DirectionBatch.stack([ask(solver, problem)]), tolerance_of(solver))
-    return answer
+    return replace(answer, value=problem.as_given(answer.value))
 
 
 def solve_batch(

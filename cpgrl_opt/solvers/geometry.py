@@ -66,7 +66,7 @@ def _solve_whole(solver: Around, problem: DirectionProblem) -> Direction:
         return quick
     flat = flatten(problem)
     if flat.failure is not None:
-        return Direction.nothing(problem.n, problem.m, flat.failure)
+        return _nothing(problem, flat.failure)
     if problem.radius is None:
         answer = (solver.solve if flat.problem.is_long else solver.solve_rows)(flat.problem)
         return _bring_back(problem, flat, answer, solver.tolerance)
@@ -123,8 +123,14 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
     if status == Status.UNSUPPORTED:
         return unsupported(problem)
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
-        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR, iterations)
+        return _nothing(problem, Status.NUMERICAL_ERROR, iterations)
+    value = problem.as_given(value)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
     if answer.residuals is not None and not needs_the_metric_itself(problem):
         return replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     return certify(problem, found, tolerance, infeasible_direction)
+
+
+def _nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
+    """Zeros in the form of g."""
+    return Direction(problem.as_given(np.zeros(problem.n)), np.zeros(problem.m), status, iterations)

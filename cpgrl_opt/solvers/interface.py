@@ -124,4 +124,4 @@ def no_answers(problems: ProblemBatch | Sequence[DirectionProblem]) -> Direction
 
 def unsupported(problem: DirectionProblem) -> Direction:
     """Zeros that claim nothing."""
-    return Direction.nothing(problem.n, problem.m, Status.UNSUPPORTED)
+    return Direction(problem.as_given(np.zeros(problem.n)), np.zeros(problem.m), Status.UNSUPPORTED)

@@ -15,6 +15,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem, without_geometry
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
+from ..vectors import is_long
 from .gramian_core import solve_by_gramian
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
@@ -28,10 +29,15 @@ def solve_in_span(
     solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
     then the usual problem needs no coordinates.
     """
-    if is_exact and "gramian" in RUNGS and (usual := solve_by_gramian(problem, tolerance)) is not None:
+    if (
+        is_exact
+        and "gramian" in RUNGS
+        and is_long(*problem.vectors.shape)
+        and (usual := solve_by_gramian(problem, tolerance)) is not None
+    ):
         return usual
     vectors, on = problem.vectors, problem.bound > -inf
-    for rung in RUNGS:
+    for rung in RUNGS if is_long(*vectors.shape) else ():  # a short tree is a short problem
         small = coordinates(vectors, on, rung)
         if small is None:
             continue
@@ -53,7 +59,8 @@ def solve_in_span(
                 return replace(found, value=value, rung=rung)
     rows = without_geometry(problem)
     whole = DirectionProblem.trusted(rows.gradient, rows.jacobian, rows.bound, rows.equality, problem.radius)
-    return replace(solve(whole), rung="rows")
+    found = solve(whole)
+    return replace(found, value=problem.as_given(found.value), rung="rows")
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:

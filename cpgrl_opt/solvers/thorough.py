@@ -125,7 +125,8 @@ def _polish(problem: DirectionProblem, answer: Direction, grade: int) -> Floats:
     changes theirs by eps only, and μ ~ 1/θ allows for the move.
     """
     held = problem.equality | (answer.multipliers != 0.0)
-    return _solve(answer.value, problem.jacobian, problem.bound, held, grade).value
+    value: Floats = _solve(answer.value, problem.jacobian, problem.bound, held, grade).value
+    return value
 
 
 def _prove(problem: DirectionProblem, conflict: Direction) -> Direction:

@@ -1,9 +1,11 @@
 """The gradients of a problem, seen through inner products and combinations only.
 
-`interface` says what a kind of vectors offers; one file per kind: `_numpy` for arrays of float64.
+`interface` says what a kind of vectors offers; one file per kind: `_numpy` for arrays, `_trees` for trees of arrays,
+tensors and arrays of float32.
 """
 
-from ._numpy import ArrayVectors, is_long
+from ._numpy import ArrayVectors, LeafVectors, is_long
+from ._trees import TreeVectors, is_tree
 from .interface import Certificate, Vectors
 
-__all__ = ["ArrayVectors", "Certificate", "Vectors", "is_long"]
+__all__ = ["ArrayVectors", "Certificate", "LeafVectors", "TreeVectors", "Vectors", "is_long", "is_tree"]

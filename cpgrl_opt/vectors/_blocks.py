@@ -7,9 +7,9 @@
 
 Vectors may come in leaves, `counts` numbers each. Row 0 of a leaf is g's part, row i that of Jᵢ; `where` holds the
 address of each, how many bytes lie from one of its numbers to the next, and how many one has. Numbers of float64 side
-by side are read where they are, others, of float32 too, are gathered a block at a time, so that all sums are of float64.
-Sums of a block may be reordered by the compiler, always in the same way, so that an answer repeats; sums in pairs may
-not. What is written to `places` is rounded to their dtype after it was measured.
+by side are read where they are, others, of float32 too, are gathered a block at a time: all sums are of float64. Sums
+of a block may be reordered by the compiler, always in the same way, so that an answer repeats; sums in pairs may not.
+What is written to `places` is rounded to their dtype after it was measured.
 Source of the pairs: Dekker 1971; Ogita, Rump & Oishi 2005, Algorithms 3.1, 3.3, 5.3. Importing this imports numba; each
 pass is compiled, or loaded from the cache, when it is first called.
 """

@@ -49,6 +49,30 @@ class LeafVectors:
         """The other way, contiguous."""
         raise NotImplementedError
 
+    def whole_gradient(self) -> Vector:
+        """g, one array of float64."""
+        return np.concatenate([g for g, _ in self.leaves], dtype=np.float64)
+
+    def whole_jacobian(self) -> Jacobian:
+        """J, one array of float64."""
+        m, n = self.shape
+        whole, start = np.empty((m, n)), 0
+        for g, J in self.leaves:
+            for i in range(m):
+                whole[i, start : start + len(g)] = J[i]
+            start += len(g)
+        return whole
+
+    def row_of(self, direction: Any) -> Vector:
+        """d as one array of float64."""
+        return np.concatenate(self.taken_apart(direction), dtype=np.float64)
+
+    def from_row(self, row: Vector) -> Any:
+        """d of the caller's kind, rounded to its leaves' dtypes."""
+        ends = np.cumsum([len(g) for g, _ in self.leaves])[:-1]
+        pairs = zip(np.split(row, ends), self.leaves, strict=True)
+        return self.rebuilt([part.astype(g.dtype) for part, (g, _) in pairs])
+
     @property
     def shape(self) -> tuple[int, int]:
         """(m, n), by the rows."""
@@ -163,6 +187,10 @@ class ArrayVectors(LeafVectors):
     def leaves(self) -> tuple[Leaf, ...]:
         """One."""
         return ((self.gradient, self.jacobian),)
+
+    def whole_gradient(self) -> Vector:
+        """It is g."""
+        return self.gradient
 
     def rebuilt(self, parts: list[np.ndarray]) -> Any:
         """It is d."""

@@ -1,0 +1,203 @@
+"""Trees of arrays: a list, tuple or dict, nested, of parameter-shaped arrays; one array is a tree of one leaf.
+
+g has the structure of the parameters. J has it too, every leaf with the constraints as its first axis, as a Jacobian by
+automatic differentiation comes; or it is a list of such trees, one a row. Leaves are NumPy's, PyTorch's on the CPU or
+JAX's, of float64 or float32. All are read where they lie, and d comes back as g came: structure, shapes, dtypes.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ._numpy import DTYPES, Leaf, LeafVectors
+
+
+@dataclass(frozen=True, eq=False)
+class TreeVectors(LeafVectors):
+    """g and J as they were handed over."""
+
+    gradient: Any
+    jacobian: Any
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what was found: the arrays of a copy lie elsewhere."""
+        return {"gradient": self.gradient, "jacobian": self.jacobian}
+
+    @cached_property
+    def leaves(self) -> tuple[Leaf, ...]:
+        """g's part, flat, and J's as (m, k) or as rows apart; ValueError for what does not fit."""
+        names = dict(_walk(self.gradient, "gradient"))
+        parts = [_flat(name, leaf) for name, leaf in names.items()]
+        if _is_stacked(self.gradient, self.jacobian):
+            rows: list[Any] = [
+                _stacked(name, leaf, part)
+                for (name, leaf), part in zip(_walk(self.jacobian, "jacobian"), parts, strict=True)
+            ]
+        elif not isinstance(self.jacobian, list | tuple):
+            raise ValueError(
+                "jacobian should be a list of rows with the structure of gradient, or have it, with the constraints as "
+                f"first axis of every leaf; found {_described(self.jacobian)}"
+            )
+        else:
+            rows = list(zip(*map(self._row, range(len(self.jacobian))), strict=True)) or [()] * len(parts)
+        _require_one_kind(names, self.jacobian)
+        return tuple(zip(parts, rows, strict=True))
+
+    def _row(self, index: int) -> list[np.ndarray]:
+        name, row = f"jacobian[{index}]", self.jacobian[index]
+        _require_structure(name, row, self.gradient)
+        pairs = zip(_walk(row, name), _walk(self.gradient, "gradient"), strict=True)
+        return [_flat(own, leaf, np.shape(_array(like))) for (own, leaf), (_, like) in pairs]
+
+    def rebuilt(self, parts: list[np.ndarray]) -> Any:
+        """In g's structure, shapes and kind."""
+        left = iter(parts)
+        return _mapped(lambda leaf: _back(next(left), leaf), self.gradient)
+
+    def taken_apart(self, direction: Any) -> list[np.ndarray]:
+        """Flat; ValueError for another structure or other shapes than g's. All in one array is all right too."""
+        if type(direction) is np.ndarray and direction.ndim == 1 and direction.dtype == np.float64:
+            if len(direction) != self.shape[1]:
+                raise ValueError(f"direction.value should have shape {(self.shape[1],)}; found {direction.shape}")
+            return np.split(direction, np.cumsum([len(g) for g, _ in self.leaves])[:-1])
+        _require_structure("direction.value", direction, self.gradient)
+        pairs = zip(_walk(direction, "direction.value"), _walk(self.gradient, "gradient"), strict=True)
+        flat = (_flat(name, leaf, np.shape(_array(like))) for (name, leaf), (_, like) in pairs)
+        return [np.ascontiguousarray(part) for part in flat]
+
+
+def is_tree(gradient: Any) -> bool:
+    """Whether it is a tree of arrays, a tensor of another library, or an array of float32."""
+    if isinstance(gradient, np.ndarray):
+        return bool(gradient.dtype == np.float32)
+    if isinstance(gradient, dict):
+        return True
+    if isinstance(gradient, list | tuple):
+        return any(is_tree(part) or np.ndim(part) > 0 for part in gradient if _is_node(part) or _is_array(part))
+    return _is_array(gradient)
+
+
+def _is_node(value: Any) -> bool:
+    return isinstance(value, list | tuple | dict)
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray) or _is_tensor(value) or _is_jax(value)
+
+
+def _is_tensor(value: Any) -> bool:
+    torch = sys.modules.get("torch")  # whoever has a tensor has imported it
+    return torch is not None and isinstance(value, torch.Tensor)
+
+
+def _is_jax(value: Any) -> bool:
+    jax = sys.modules.get("jax")
+    return jax is not None and isinstance(value, jax.Array)
+
+
+def _walk(tree: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """(name, leaf), in the order of the keys."""
+    if isinstance(tree, dict):
+        for key, part in tree.items():
+            yield from _walk(part, f"{name}[{key!r}]")
+    elif isinstance(tree, list | tuple):
+        for index, part in enumerate(tree):
+            yield from _walk(part, f"{name}[{index}]")
+    else:
+        yield name, tree
+
+
+def _mapped(change: Callable[[Any], Any], tree: Any) -> Any:
+    """The tree of changed leaves; named tuples stay what they are."""
+    if isinstance(tree, dict):
+        return {key: _mapped(change, part) for key, part in tree.items()}
+    if isinstance(tree, list):
+        return [_mapped(change, part) for part in tree]
+    if isinstance(tree, tuple):
+        parts = [_mapped(change, part) for part in tree]
+        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+    return change(tree)
+
+
+def _structure(tree: Any) -> Any:
+    """What two trees of one structure have alike."""
+    if isinstance(tree, dict):
+        return {key: _structure(part) for key, part in tree.items()}
+    return [_structure(part) for part in tree] if isinstance(tree, list | tuple) else None
+
+
+def _require_structure(name: str, tree: Any, like: Any) -> None:
+    found, wanted = _structure(tree), _structure(like)
+    if found != wanted or (isinstance(found, dict) and list(found) != list(wanted)):
+        raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {found}")
+
+
+def _is_stacked(gradient: Any, jacobian: Any) -> bool:
+    """Whether J is one tree whose leaves have the constraints as their first axis."""
+    if _structure(jacobian) != _structure(gradient):
+        return False
+    pairs = zip(_walk(jacobian, ""), _walk(gradient, ""), strict=True)
+    return all(np.ndim(_array(rows)) == np.ndim(_array(leaf)) + 1 for (_, rows), (_, leaf) in pairs)
+
+
+def _array(leaf: Any) -> Any:
+    """What NumPy sees of a leaf, without a copy."""
+    if _is_tensor(leaf):
+        if leaf.device.type != "cpu" or leaf.layout is not sys.modules["torch"].strided:
+            raise ValueError(f"tensors should be dense and on the CPU; found {leaf.layout} on {leaf.device}")
+        return leaf.detach().numpy() if leaf.dtype in _tensor_dtypes() else leaf
+    return np.asarray(leaf) if _is_jax(leaf) else leaf
+
+
+def _tensor_dtypes() -> tuple[Any, ...]:
+    torch = sys.modules["torch"]
+    return torch.float64, torch.float32
+
+
+def _flat(name: str, leaf: Any, shape: tuple[Any, ...] | None = None) -> np.ndarray:
+    """One axis; a copy only where its numbers lie in another order than NumPy's."""
+    array = _array(leaf)
+    if not isinstance(array, np.ndarray) or array.dtype not in DTYPES:
+        raise ValueError(f"{name} should be an array of float64 or float32; found {_described(leaf)}")
+    if np.ma.is_masked(array):
+        raise ValueError(f"{name} should have no masked entries; found some")
+    if shape is not None and array.shape != shape:
+        raise ValueError(f"{name} should have shape {shape}; found {array.shape}")
+    return np.asarray(array).reshape(-1)
+
+
+def _stacked(name: str, leaf: Any, part: np.ndarray) -> np.ndarray:
+    array = np.asarray(_array(leaf))
+    if array.dtype not in DTYPES or array[:1].size not in (0, len(part)):
+        raise ValueError(f"{name} should be float64 or float32 of {len(part)} numbers a row; found {_described(leaf)}")
+    return array.reshape(len(array), len(part))
+
+
+def _described(leaf: Any) -> str:
+    if hasattr(leaf, "dtype"):
+        return f"{type(leaf).__name__} of {leaf.dtype}, shape {tuple(leaf.shape)}"
+    return f"{_structure(leaf)}" if _is_node(leaf) else repr(leaf)
+
+
+def _library(leaf: Any) -> str:
+    return "torch" if _is_tensor(leaf) else "jax" if _is_jax(leaf) else type(leaf).__module__.partition(".")[0]
+
+
+def _require_one_kind(names: dict[str, Any], jacobian: Any) -> None:
+    """ValueError for gradient and jacobian of several libraries; leaves may differ in dtype, a leaf's rows may not."""
+    libraries = {_library(leaf) for leaf in names.values()} | {_library(leaf) for _, leaf in _walk(jacobian, "")}
+    if len(libraries) > 1:
+        raise ValueError(f"gradient and jacobian should be arrays of one library; found {', '.join(sorted(libraries))}")
+
+
+def _back(part: np.ndarray, like: Any) -> Any:
+    """The flat array as the leaf that it stands for."""
+    if _is_tensor(like):
+        return sys.modules["torch"].from_numpy(part).reshape(like.shape)
+    if _is_jax(like):
+        return sys.modules["jax"].numpy.asarray(part.reshape(like.shape))
+    return part.reshape(like.shape)
