@@ -79,10 +79,7 @@ def view_vectors(gradient: Any, jacobian: Any) -> LeafVectors | None:
     None for all else.
     """
     if (type(gradient) is not np.ndarray or gradient.dtype is not _FLOAT64) and is_tree(gradient):
-        vectors = TreeVectors(gradient, jacobian)
-        if vectors.shape[1] == 0:
-            raise ValueError("gradient should have at least one component; found none")
-        return vectors
+        return TreeVectors(gradient, jacobian)
     if type(jacobian) is np.ndarray:
         if jacobian.ndim != 2 or not is_long(*jacobian.shape):
             return None

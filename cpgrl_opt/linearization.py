@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .arrays import ArrayLike, Float
 from .metric import Whitening
 from .validation import is_finite, real_values, require_finite, require_shape
-from .vectors import ArrayVectors, is_long
+from .vectors import ArrayVectors, LeafVectors, TreeVectors, channels_of, is_long
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -19,7 +20,9 @@ class Linearization:
     may carry leading axes, one linearization for each of many independent runs. Gradients are ascent gradients.
 
     values: (…, 1 + m), average rewards per step; gradients: (…, 1 + m, n), policy gradients of the same. Neither is
-    copied if it is a float64 array already.
+    copied if it is a float64 array already. Of one run the gradients may be a list of 1 + m trees of arrays, a tensor,
+    an array of float32, or one tree with the channels as first axis of every leaf (see `vectors`); then a step's change
+    has that form too.
     Raises ValueError for NaN, infinities, shapes that do not belong together.
     Source: §2.1–2.2 of the paper (ρⁱ and Δⁱ).
     """
@@ -29,7 +32,11 @@ class Linearization:
 
     def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
-        values, gradients = real_values("values", values), real_values("gradients", gradients)
+        values, tree = real_values("values", values), channels_of(gradients)
+        if tree is not None:
+            self._take_apart(values, tree)
+            return
+        gradients = real_values("gradients", gradients)
         if gradients.ndim < 2:
             raise ValueError(f"gradients should have shape (…, 1 + m, n); found {gradients.shape}")
         require_finite("values", values)
@@ -40,21 +47,57 @@ class Linearization:
         if not (self.is_long and all(vectors.are_finite() for vectors in self.vectors)):
             require_finite("gradients", gradients)
 
+    def _take_apart(self, values: np.ndarray, tree: TreeVectors) -> None:
+        require_finite("values", values)
+        require_shape("values", values, (1 + tree.shape[0],))
+        vars(self).update(values=values, vectors=(tree,))
+        if not tree.are_finite():
+            require_finite("gradients", self.gradients)
+
+    if not TYPE_CHECKING:  # which would believe in any attribute
+
+        def __getattr__(self, name: str) -> Any:
+            # A tree is put together when somebody asks for it: a step on long gradients does not.
+            if name != "gradients" or not self.is_tree:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            [tree] = self.vectors
+            vars(self)["gradients"] = np.vstack([tree.whole_gradient(), tree.whole_jacobian()])
+            return vars(self)["gradients"]
+
     def __reduce__(self) -> tuple[type["Linearization"], tuple[object, ...]]:
         # Without the vectors, which are the gradients once more.
-        return Linearization, (self.values, self.gradients)
+        [tree, *_] = self.vectors if self.is_tree else (None,)
+        given = self.gradients if tree is None else [tree.gradient, *tree.rows()]  # type: ignore[attr-defined]
+        return Linearization, (self.values, given)
+
+    @property
+    def is_tree(self) -> bool:
+        """Whether the gradients, and a step's change, are no arrays of float64."""
+        return "vectors" in vars(self) and any(isinstance(each, TreeVectors) for each in vars(self)["vectors"])
 
     @property
     def is_long(self) -> bool:
         """Whether a step first reduces the gradients to their span."""
+        if self.is_tree:
+            return is_long(*self.vectors[0].shape)
         channels, n = self.gradients.shape[-2:]
         return is_long(channels - 1, n)
 
+    def as_given(self, change: Any) -> Any:
+        """A change (n,) of float64 in the form of the gradients."""
+        is_row = self.is_tree and isinstance(change, np.ndarray) and change.dtype == np.float64
+        return self.vectors[0].from_row(change) if is_row else change
+
     @cached_property
-    def vectors(self) -> tuple[ArrayVectors, ...]:
+    def vectors(self) -> tuple[LeafVectors, ...]:
         """The gradients of each run, in the order of their indices; they keep their inner products."""
         runs = np.ndindex(self.gradients.shape[:-2])
         return tuple(ArrayVectors(self.gradients[run][0], self.gradients[run][1:]) for run in runs)
+
+    @property
+    def n(self) -> int:
+        """Number of parameters."""
+        return self.vectors[0].shape[1] if self.is_tree else self.gradients.shape[-1]
 
     @property
     def objective_gradient(self) -> Float[np.ndarray, "*runs n"]:

@@ -83,7 +83,8 @@ class DirectionProblem:
 
     def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
         # Through the constructor, so that a copy or an unpickled problem is read-only too.
-        arguments = (self.gradient, self.jacobian, self.bound, self.equality, self.metric, self.radius)
+        given: Any = self.vectors if self.is_tree else self
+        arguments = (given.gradient, given.jacobian, self.bound, self.equality, self.metric, self.radius)
         M = self.whitening
         if not isinstance(M, OperatorMetric):
             return DirectionProblem, arguments

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ._gate import metric_of_rows
 from ._step_run import StepRun
 from .arrays import ArrayLike, Bool, Float
 from .formulation import FORMULATIONS
@@ -78,17 +79,25 @@ class ConstrainedStep(StepSettings):
         FloatingPointError where rates times directions overflow.
         """
         limits = real_values("thresholds", thresholds)
-        require_shape("thresholds", limits, (linearization.gradients.shape[-2] - 1,))
+        require_shape("thresholds", limits, (linearization.values.shape[-1] - 1,))
         slack = np.ascontiguousarray(linearization.slack(limits))
         if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
         active = self._active(slack, previous)
-        m, n = linearization.gradients.shape[-2] - 1, linearization.gradients.shape[-1]
+        result = self._in_metric(linearization, slack, active, observe)
+        return replace(result, change=linearization.as_given(result.change)) if linearization.is_tree else result
+
+    def _in_metric(
+        self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+    ) -> StepResult:
+        m, n = slack.shape[-1], linearization.n
         if callable(self.metric):
-            raises, operator = self.on_failure == "raise", self._operator(n)
-            vectors = linearization.gradients, slack, active
-            results = step_in_operator_metric(self._on_rows, *vectors, operator, observe, raises=raises)
+            vectors, operator = (linearization.gradients, slack, active), self._operator(linearization)
+            raises, takes_all = self.on_failure == "raise", FORMULATIONS[self.formulation].takes_all
+            results = step_in_operator_metric(
+                self._on_rows, *vectors, operator, observe, raises=raises, takes_all=takes_all
+            )
             return stack_results(results, slack.shape[:-1], n, m) if slack.ndim > 1 else results[0]
         whitening = self._whitening
         if whitening is None:
@@ -97,12 +106,14 @@ class ConstrainedStep(StepSettings):
         result = self._where_identity(linearization.whitened(whitening), slack, active, observe)
         return replace(result, change=_original(whitening, result.change))
 
-    def _operator(self, n: int) -> OperatorMetric:
-        """Of n parameters, which only a linearization tells; looked at once."""
+    def _operator(self, linearization: Linearization) -> OperatorMetric:
+        """Of n parameters, which only a linearization tells; looked at once, but of trees."""
         known: OperatorMetric | None = vars(self).get("_operator_metric")
-        if known is None or known.n != n:
-            limits = float(self.metric_tolerance), int(self.metric_iterations)
-            known = OperatorMetric(self.metric, n, *limits)  # type: ignore[arg-type]
+        if known is None or known.n != linearization.n or linearization.is_tree:
+            product: Any = self.metric
+            if linearization.is_tree:
+                product = metric_of_rows(linearization.vectors[0], product)
+            known = OperatorMetric(product, linearization.n, self.metric_tolerance, self.metric_iterations)
             vars(self)["_operator_metric"] = known
         return known
 
@@ -113,7 +124,7 @@ class ConstrainedStep(StepSettings):
         if linearization.is_long:
             rate = float(self.step_size)  # type: ignore[arg-type]
             results = step_in_span(self._on_rows, linearization.vectors, slack, active, rate, observe)
-            n, m = linearization.gradients.shape[-1], slack.shape[-1]
+            n, m = linearization.n, slack.shape[-1]
             return stack_results(results, slack.shape[:-1], n, m) if slack.ndim > 1 else results[0]
         return self._on_rows(linearization.gradients, slack, active, observe)
 

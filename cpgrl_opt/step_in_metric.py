@@ -25,8 +25,12 @@ def step_in_operator_metric(
     observe: Any,
     *,
     raises: bool,
+    takes_all: bool,
 ) -> list[StepResult]:
-    """A `StepResult` for each run; skipped where M⁻¹ is not reached, or DirectionError where that raises."""
+    """A `StepResult` for each run; skipped where M⁻¹ is not reached, or DirectionError where that raises.
+
+    takes_all: the formulation does, so that `active` says what has a multiplier.
+    """
     found = []
     for run in np.ndindex(slack.shape[:-1]):
         g, J = np.ascontiguousarray(gradients[run][0]), np.ascontiguousarray(gradients[run][1:])
@@ -37,7 +41,7 @@ def step_in_operator_metric(
         if span.failure is not None:
             if raises:
                 raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")
-            found.append(_skip(len(g), slack[run], active[run]))
+            found.append(_skip(len(g), slack[run], active[run] & ~takes_all))
             continue
         flat = span.problem
         result = on_rows(np.vstack([flat.gradient, flat.jacobian]), slack[run], active[run], observe)

@@ -14,7 +14,7 @@ from .problem import ProblemBatch
 from .reduction import RUNGS, coordinates
 from .scaling import lengths
 from .step_result import StepResult
-from .vectors import ArrayVectors
+from .vectors import LeafVectors
 
 # The coordinates of rows at an angle θ are rounded, which tilts them by eps/θ, and nothing mends a step as a solve is
 # mended: 1e-4 rad leave 1e-12 of it.
@@ -25,7 +25,7 @@ OnRows = Callable[..., StepResult]  # (gradients, slack, active, observe)
 
 def step_in_span(
     on_rows: OnRows,
-    vectors: Sequence[ArrayVectors],
+    vectors: Sequence[LeafVectors],
     slack: np.ndarray,
     active: np.ndarray,
     step_size: float,
@@ -37,7 +37,7 @@ def step_in_span(
 
 
 def _step_one(
-    on_rows: OnRows, vectors: ArrayVectors, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
+    on_rows: OnRows, vectors: LeafVectors, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
 ) -> StepResult:
     """By the first rung that is exact enough, else on the rows."""
     seen: list[tuple[ProblemBatch, DirectionBatch]] = []
@@ -60,4 +60,5 @@ def _step_one(
                 observe(*pair)
             # Of rows that are off the coordinates know nothing.
             return replace(result, change=change, predicted_slack=slack + certificate.products)
-    return on_rows(np.vstack([vectors.gradient, vectors.jacobian]), slack, active, observe)
+    result = on_rows(np.vstack([vectors.whole_gradient(), vectors.whole_jacobian()]), slack, active, observe)
+    return replace(result, change=vectors.from_row(result.change))

@@ -16,7 +16,8 @@ COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened", 
 class StepResult:
     """The parameter change and what happened on the way; leading axes as in the linearization.
 
-    change: (…, n); active: (…, m), the set that the rule chose, with `linearized` the constraints with μ > 0;
+    change: (…, n), or in the form in which the gradients came; active: (…, m), the set that the rule chose, with
+    `linearized` the constraints with μ > 0;
     stationary: (…), PΔ¹ = 0 and some λ ≤ 0 exists, both up to rounding: a KKT point.
     counts, by name (…): infeasible (subproblems, solved by least violation), fallback (handed to active-set),
     skipped (no certified direction: change 0), dropped (constraints), capped (restoration shortened), softened (by the
@@ -30,7 +31,7 @@ class StepResult:
     predicted_slack: (…, m), slack + J · change.
     """
 
-    change: Float[np.ndarray, "*runs n"]
+    change: Any
     active: Bool[np.ndarray, "*runs m"]
     stationary: Bool[np.ndarray, "*runs"]
     counts: Mapping[str, Int[np.ndarray, "*runs"]]

@@ -53,7 +53,8 @@ class WithGeometry(Solver):
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
         """The solver's own answer."""
-        return replace(ask(self.solver, problem), residuals=None)  # which nobody reads of a third party
+        answer = ask(self.solver, problem)
+        return replace(answer, value=problem.as_given(answer.value), residuals=None)  # which nobody reads of others
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """The solver's own answers."""

@@ -5,7 +5,7 @@ tensors and arrays of float32.
 """
 
 from ._numpy import ArrayVectors, LeafVectors, is_long
-from ._trees import TreeVectors, is_tree
+from ._trees import TreeVectors, channels_of, is_tree
 from .interface import Certificate, Vectors
 
-__all__ = ["ArrayVectors", "Certificate", "LeafVectors", "TreeVectors", "Vectors", "is_long", "is_tree"]
+__all__ = ["ArrayVectors", "Certificate", "LeafVectors", "TreeVectors", "Vectors", "channels_of", "is_long", "is_tree"]

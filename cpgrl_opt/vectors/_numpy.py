@@ -192,6 +192,10 @@ class ArrayVectors(LeafVectors):
         """It is g."""
         return self.gradient
 
+    def from_row(self, row: Vector) -> Any:
+        """It is d."""
+        return row
+
     def rebuilt(self, parts: list[np.ndarray]) -> Any:
         """It is d."""
         return parts[0]

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ class TreeVectors(LeafVectors):
         """g's part, flat, and J's as (m, k) or as rows apart; ValueError for what does not fit."""
         names = dict(_walk(self.gradient, "gradient"))
         parts = [_flat(name, leaf) for name, leaf in names.items()]
+        if not any(map(len, parts)):
+            raise ValueError("gradient should have at least one component; found none")
         if _is_stacked(self.gradient, self.jacobian):
             rows: list[Any] = [
                 _stacked(name, leaf, part)
@@ -52,6 +55,12 @@ class TreeVectors(LeafVectors):
         _require_structure(name, row, self.gradient)
         pairs = zip(_walk(row, name), _walk(self.gradient, "gradient"), strict=True)
         return [_flat(own, leaf, np.shape(_array(like))) for (own, leaf), (_, like) in pairs]
+
+    def rows(self) -> list[Any]:
+        """J's rows, each in the form of g."""
+        if _is_stacked(self.gradient, self.jacobian):
+            return [_mapped(itemgetter(i), self.jacobian) for i in range(self.shape[0])]
+        return list(self.jacobian)
 
     def rebuilt(self, parts: list[np.ndarray]) -> Any:
         """In g's structure, shapes and kind."""
@@ -79,6 +88,20 @@ def is_tree(gradient: Any) -> bool:
     if isinstance(gradient, list | tuple):
         return any(is_tree(part) or np.ndim(part) > 0 for part in gradient if _is_node(part) or _is_array(part))
     return _is_array(gradient)
+
+
+def channels_of(gradients: Any) -> TreeVectors | None:
+    """The gradients of one run, the objective's first: a list of trees, or one with the channels as first axis.
+
+    None for what is no tree. Arrays of float64 in a list are rows of one array.
+    """
+    if isinstance(gradients, list | tuple):
+        if not gradients or not is_tree(gradients[0]):
+            return None
+        return TreeVectors(gradients[0], list(gradients[1:]))
+    if not is_tree(gradients) or (isinstance(gradients, np.ndarray) and gradients.ndim != 2):
+        return None
+    return TreeVectors(_mapped(itemgetter(0), gradients), _mapped(itemgetter(slice(1, None)), gradients))
 
 
 def _is_node(value: Any) -> bool:

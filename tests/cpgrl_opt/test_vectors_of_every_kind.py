@@ -1,0 +1,260 @@
+"""Trees of arrays, float32, tensors: the directions and steps of one array of float64, in the form in which g came."""
+
+import pickle
+from collections import namedtuple
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import (
+    SOLVERS,
+    ConstrainedStep,
+    Direction,
+    DirectionProblem,
+    Linearization,
+    Status,
+    WithGeometry,
+    kkt_residuals,
+    solve,
+)
+from cpgrl_opt.solvers import is_installed
+
+ACTIVE_SET = SOLVERS["active-set"]
+Layer = namedtuple("Layer", ["weight", "bias"])
+SHORT, LONG = 12, 60_000
+
+
+def as_dict(v: np.ndarray) -> Any:
+    """Leaves along the last axis: of two axes, of one, of none at all; nested."""
+    k = v.shape[-1] // 3
+    lead = v.shape[:-1]
+    return {"w": v[..., : 2 * k].reshape(*lead, 2, k), "rest": [v[..., 2 * k :], v[..., :0]]}
+
+
+def as_named(v: np.ndarray) -> Any:
+    k = v.shape[-1] // 4
+    return (Layer(v[..., :k], v[..., k : 2 * k]), Layer(v[..., 2 * k : 3 * k], v[..., 3 * k :]))
+
+
+def single(v: np.ndarray) -> Any:
+    return v.astype(np.float32)
+
+
+def mixed(v: np.ndarray) -> Any:
+    k = v.shape[-1] // 2
+    return {"half": v[..., :k].astype(np.float32), "whole": v[..., k:]}
+
+
+def tensor(v: np.ndarray) -> Any:
+    return pytest.importorskip("torch").from_numpy(v.copy()).requires_grad_()
+
+
+def tensors(v: np.ndarray) -> Any:
+    torch, k = pytest.importorskip("torch"), v.shape[-1] // 2
+    return [torch.from_numpy(v[..., :k].astype(np.float32)), torch.from_numpy(v[..., k:].copy())]
+
+
+def of_jax(v: np.ndarray) -> Any:
+    jax = pytest.importorskip("jax")
+    return {"a": jax.numpy.asarray(v[..., :5], dtype="float32"), "b": jax.numpy.asarray(v[..., 5:], dtype="float32")}
+
+
+# Each with what rounding to its dtypes leaves of a direction as long as 1.
+KINDS = {as_dict: 1e-12, as_named: 1e-12, single: 2e-7, mixed: 2e-7, tensor: 1e-12, tensors: 2e-7, of_jax: 2e-7}
+Kind = Callable[[np.ndarray], Any]
+parametrize_kinds = pytest.mark.parametrize(
+    ("kind", "rounding"), KINDS.items(), ids=lambda k: getattr(k, "__name__", "")
+)
+
+
+def draw(seed: int, n: int, m: int = 3) -> dict[str, Any]:
+    """Numbers that float32 holds; dependent, contradicting and stationary ones among them."""
+    rng = np.random.default_rng(seed)
+    g, J = rng.integers(-9, 10, n) / 8.0, rng.integers(-9, 10, (m, n)) / 8.0
+    if seed % 4 == 1:
+        J[1] = -J[0]
+    if seed % 4 == 2:
+        J[2] = 2.0 * J[1]
+    if seed % 4 == 3:
+        g = -(J.T @ [1.0, 0.0, 2.0])
+    return {"gradient": g, "jacobian": J, "bound": rng.integers(-2, 3, m) / 4.0 * (seed % 2)}
+
+
+def of_kind(kind: Kind, arguments: dict[str, Any], *, stacked: bool = True) -> DirectionProblem:
+    J = arguments["jacobian"]
+    return DirectionProblem(
+        **{**arguments, "gradient": kind(arguments["gradient"]), "jacobian": kind(J) if stacked else [*map(kind, J)]}
+    )
+
+
+def same_form(found: Any, given: Any) -> bool:
+    if isinstance(given, dict):
+        return list(found) == list(given) and all(same_form(found[key], given[key]) for key in given)
+    if isinstance(given, list | tuple):
+        return type(found) is type(given) and all(map(same_form, found, given))
+    return type(found) is type(given) and found.dtype == given.dtype and tuple(found.shape) == tuple(given.shape)
+
+
+@parametrize_kinds
+@pytest.mark.parametrize("n", [SHORT, LONG])
+@pytest.mark.parametrize("seed", range(4))
+def test_directions_are_those_of_one_array(kind: Kind, rounding: float, n: int, seed: int) -> None:
+    for radius in (None, 2.0):
+        arguments = {**draw(seed, n), "radius": radius}
+        expected = ACTIVE_SET.solve(DirectionProblem(**arguments))
+        for stacked in (True, False):
+            problem = of_kind(kind, arguments, stacked=stacked)
+            answer = ACTIVE_SET.solve(problem)
+            assert answer.status == expected.status
+            if n == LONG and kind is not of_jax:
+                assert answer.rung == expected.rung
+            assert same_form(answer.value, kind(arguments["gradient"]))
+            size = max(float(np.abs(expected.value).max()), 1.0)
+            np.testing.assert_allclose(problem.row_of(answer.value), expected.value, atol=4 * rounding * size)
+            if answer.status == Status.OPTIMAL:
+                assert answer.residuals is not None
+                assert answer.residuals.worst <= 1e-9  # before it was rounded
+                assert kkt_residuals(problem, answer).worst <= max(1e-9, 4 * np.finfo(np.float32).eps)
+
+
+@pytest.mark.parametrize("name", [name for name, solver in SOLVERS.items() if is_installed(solver)])
+@pytest.mark.parametrize("n", [SHORT, LONG])
+def test_every_solver_takes_every_kind(name: str, n: int) -> None:
+    arguments = {**draw(0, n), "bound": 0.0, "equality": True}
+    expected = ACTIVE_SET.solve(DirectionProblem(**arguments))
+    for kind in (as_dict, single):
+        problem = of_kind(kind, arguments)
+        answer = SOLVERS[name].solve(problem)
+        assert answer.status == Status.OPTIMAL
+        assert same_form(answer.value, problem.vectors.gradient)  # type: ignore[attr-defined]
+        np.testing.assert_allclose(problem.row_of(answer.value), expected.value, atol=1e-6)
+
+
+class Foreign:
+    """Somebody's solver, which knows NumPy only."""
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        assert type(problem.gradient) is np.ndarray
+        return ACTIVE_SET.solve(problem)
+
+
+def test_a_third_partys_solver_sees_arrays_and_its_answer_has_the_form_of_g() -> None:
+    arguments = draw(0, SHORT)
+    problem = of_kind(as_dict, arguments)
+    for answer in (solve(problem, Foreign()), solve(problem), WithGeometry(Foreign()).solve(problem)):
+        assert answer.status == Status.OPTIMAL
+        assert same_form(answer.value, as_dict(arguments["gradient"]))
+
+
+@pytest.mark.parametrize("n", [SHORT, LONG])
+def test_a_metric_comes_in_the_form_of_g_too(n: int) -> None:
+    arguments, sizes = draw(0, n), np.random.default_rng(0).uniform(0.5, 2.0, n)
+    expected = ACTIVE_SET.solve(DirectionProblem(**arguments, metric=sizes))
+    tree = as_dict(sizes)
+
+    def product(v: Any) -> Any:
+        return {"w": v["w"] * tree["w"], "rest": [v["rest"][0] * tree["rest"][0], v["rest"][1]]}
+
+    for metric in (tree, product):
+        problem = of_kind(as_dict, {**arguments, "metric": metric})
+        answer = ACTIVE_SET.solve(problem)
+        assert answer.status == Status.OPTIMAL
+        assert same_form(answer.value, as_dict(arguments["gradient"]))
+        np.testing.assert_allclose(problem.row_of(answer.value), expected.value, atol=1e-9)
+
+
+@parametrize_kinds
+@pytest.mark.parametrize("n", [SHORT, LONG])
+@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
+def test_steps_are_those_of_one_array(kind: Kind, rounding: float, n: int, formulation: str) -> None:
+    rng = np.random.default_rng(5)
+    gradients, values = rng.integers(-9, 10, (4, n)) / 8.0, np.array([0.0, -0.5, 0.25, -1.0])
+    for settings in ({}, {"radius": 0.5}, {"metric": rng.uniform(0.5, 2.0, n)}):
+        step = ConstrainedStep(formulation=formulation, **settings)
+        expected = step(Linearization(values, gradients), np.zeros(3))
+        listed = Linearization(values, [kind(each) for each in gradients])
+        result = step(listed, np.zeros(3))
+        assert same_form(result.change, kind(gradients[0]))
+        atol = 4 * rounding * max(float(np.abs(expected.change).max()), 1.0)
+        np.testing.assert_allclose(listed.vectors[0].row_of(result.change), expected.change, atol=atol)
+        np.testing.assert_array_equal(result.active, expected.active)
+        for part in ("multipliers", "predicted_slack"):
+            np.testing.assert_allclose(getattr(result, part), getattr(expected, part), atol=1e-9 * n)
+
+
+def test_one_tree_with_the_channels_first_is_the_list_of_trees() -> None:
+    gradients, values = np.random.default_rng(6).standard_normal((4, SHORT)), np.array([0.0, -0.5, 0.25, -1.0])
+    one, many = as_dict(gradients), [as_dict(each) for each in gradients]
+    first, second = (ConstrainedStep()(Linearization(values, each), np.zeros(3)).change for each in (one, many))
+    np.testing.assert_array_equal(first["w"], second["w"])
+
+
+def test_problems_and_linearizations_are_pickled_in_their_form() -> None:
+    arguments = draw(0, SHORT)
+    problem = pickle.loads(pickle.dumps(of_kind(as_dict, arguments)))
+    assert same_form(ACTIVE_SET.solve(problem).value, as_dict(arguments["gradient"]))
+    linearization = Linearization(np.zeros(3), [as_dict(each) for each in arguments["jacobian"]])
+    again = pickle.loads(pickle.dumps(linearization))
+    np.testing.assert_array_equal(again.gradients, arguments["jacobian"])
+
+
+def test_memory_mapped_arrays_are_read_where_they_lie(tmp_path: Any) -> None:
+    arguments = draw(0, LONG)
+    np.save(tmp_path / "rows.npy", arguments["jacobian"].astype(np.float32))
+    rows = np.load(tmp_path / "rows.npy", mmap_mode="r")
+    problem = DirectionProblem(arguments["gradient"].astype(np.float32), rows, arguments["bound"])
+    expected = ACTIVE_SET.solve(DirectionProblem(**arguments)).value
+    np.testing.assert_allclose(problem.row_of(ACTIVE_SET.solve(problem).value), expected, atol=1e-5)
+    assert np.shares_memory(problem.vectors.leaves[0][1], rows)
+
+
+ONE = {"a": np.ones(2)}
+
+
+@pytest.mark.parametrize(
+    ("gradient", "jacobian", "message"),
+    [
+        (ONE, {"b": np.ones((1, 2))}, "jacobian should be a list of rows with the structure of gradient, or have it"),
+        (ONE, [{"a": np.ones(3)}], r"jacobian\[0\]\['a'\] should have shape \(2,\); found \(3,\)"),
+        (ONE, [{"a": np.ones(2), "b": np.ones(1)}], r"jacobian\[0\] should have the structure of gradient"),
+        (ONE, {"a": np.ones((1, 3))}, r"jacobian\['a'\] should be float64 or float32 of 2 numbers a row"),
+        ({"a": np.ones(2, int)}, {"a": np.ones((1, 2))}, r"gradient\['a'\] should be an array of float64"),
+        ({"a": [1.0, 2.0]}, {"a": np.ones((1, 2))}, "gradient"),
+        ({"a": np.array([np.nan, 1.0])}, {"a": np.ones((1, 2))}, "gradient should be finite; found nan"),
+        (ONE, {"a": np.array([[np.inf, 1.0]])}, "jacobian should be finite; found inf"),
+        ({}, {}, "gradient should have at least one component; found none"),
+        ({"a": np.ones(0)}, {"a": np.ones((1, 0))}, "gradient should have at least one component; found none"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(gradient: Any, jacobian: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        DirectionProblem(gradient, jacobian)
+
+
+def test_tensors_that_are_not_for_us_are_refused_by_name() -> None:
+    torch = pytest.importorskip("torch")
+    with pytest.raises(ValueError, match="should be arrays of one library; found numpy, torch"):
+        DirectionProblem(torch.ones(2), [np.ones(2)])
+    for bad in (torch.ones(2, dtype=torch.bfloat16), torch.ones(2, dtype=torch.int32)):
+        with pytest.raises(
+            ValueError, match="gradient should be an array of float64 or float32; found Tensor of torch"
+        ):
+            DirectionProblem(bad, [bad])
+    with pytest.raises(ValueError, match=r"tensors should be dense and on the CPU; found torch\.sparse_coo"):
+        DirectionProblem(torch.ones(2).to_sparse(), [torch.ones(2)])
+
+
+def test_a_direction_of_another_form_is_refused_by_the_referee() -> None:
+    problem = of_kind(as_dict, draw(0, SHORT))
+    with pytest.raises(ValueError, match=r"direction\.value should have the structure of gradient"):
+        kkt_residuals(problem, Direction({"w": np.ones(3)}, np.zeros(3), Status.OPTIMAL))
+    with pytest.raises(ValueError, match=r"direction.value should have shape \(12,\); found \(11,\)"):
+        kkt_residuals(problem, Direction(np.ones(11), np.zeros(3), Status.OPTIMAL))
+
+
+def test_no_row_is_fine() -> None:
+    answer = ACTIVE_SET.solve(DirectionProblem(ONE, []))
+    assert answer.status == Status.OPTIMAL
+    np.testing.assert_array_equal(answer.value["a"], ONE["a"])
