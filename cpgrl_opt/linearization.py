@@ -32,7 +32,8 @@ class Linearization:
 
     def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
-        values, tree = real_values("values", values), channels_of(gradients)
+        values = real_values("values", values)
+        tree = channels_of(gradients) if values.ndim == 1 else None  # a list may be one of runs else
         if tree is not None:
             self._take_apart(values, tree)
             return

@@ -21,7 +21,7 @@ def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction |
     if changes < 0:
         return None
     value, sums = problem.vectors.combine_usually(weights)
-    judge.run(K, problem.equality, small, index, sums, report)
+    judge.run(K, problem.equality, GATES, small, index, sums, report)
     residuals = KKTResiduals(*report.tolist())
     if not residuals.worst <= min(tolerance, EXACT):
         return None

@@ -86,7 +86,7 @@ def is_tree(gradient: Any) -> bool:
     if isinstance(gradient, dict):
         return True
     if isinstance(gradient, list | tuple):
-        return any(is_tree(part) or np.ndim(part) > 0 for part in gradient if _is_node(part) or _is_array(part))
+        return any(is_tree(part) or (_is_array(part) and np.ndim(_array(part)) > 0) for part in gradient)
     return _is_array(gradient)
 
 

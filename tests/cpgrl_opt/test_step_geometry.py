@@ -1,6 +1,8 @@
 """A step in a metric and in a ball: natural gradients, trust regions, and what stays as it was."""
 
+import base64
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -283,3 +285,29 @@ def test_the_ridge_in_a_metric_is_the_regularised_inverse_in_it(metric):
     result = step(linearization, linearization.values[1:] + target, observe=lambda problems, _: seen.append(problems))
     np.testing.assert_allclose(result.change, expected, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(seen[0][0].jacobian[:, 5:], np.sqrt(ridge) * np.eye(2))
+
+
+# ConstrainedStep(formulation="restoring", metric=[1.0, 4.0], radius=0.5), when such a step kept a StepGeometry.
+OLD_PICKLE = (
+    "gASVCgMAAAAAAACMDmNwZ3JsX29wdC5zdGVwlIwPQ29uc3RyYWluZWRTdGVwlJOUKYGUfZQojAZzb2x2ZXKUjBxjcGdybF9vcHQu"
+    "c29sdmVycy5hY3RpdmVfc2V0lIwJQWN0aXZlU2V0lJOUKYGUfZSMCXRvbGVyYW5jZZRHPhEuC+gm1pVzYowLZm9ybXVsYXRpb26U"
+    "jAlyZXN0b3JpbmeUjARydWxllIwUY3Bncmxfb3B0LmFjdGl2ZV9zZXSUjAh2aW9sYXRlZJSTlIwJc3RlcF9zaXpllEc/lHrhR64U"
+    "e4wQcmVzdG9yYXRpb25fcmF0ZZRHP5R64UeuFHuMBGRyb3CUjApzdGF0aW9uYXJ5lIwPcmF3X211bHRpcGxpZXJzlImMBXJpZGdl"
+    "lEcAAAAAAAAAAIwPbWF4X3Jlc3RvcmF0aW9ulEd/8AAAAAAAAIwKb25fZmFpbHVyZZSMCGZhbGxiYWNrlIwGbWV0cmljlIwWbnVt"
+    "cHkuX2NvcmUubXVsdGlhcnJheZSMDF9yZWNvbnN0cnVjdJSTlIwFbnVtcHmUjAduZGFycmF5lJOUSwCFlEMBYpSHlFKUKEsBSwKF"
+    "lGgfjAVkdHlwZZSTlIwCZjiUiYiHlFKUKEsDjAE8lE5OTkr/////Sv////9LAHSUYolDEAAAAAAAAPA/AAAAAAAAEECUdJRijAZy"
+    "YWRpdXOURz/gAAAAAAAAjA1fbWV0cmljX2J5dGVzlEMQAAAAAAAA8D8AAAAAAAAQQJSMCV9nZW9tZXRyeZSMF2NwZ3JsX29wdC5z"
+    "dGVwX2dlb21ldHJ5lIwMU3RlcEdlb21ldHJ5lJOUKYGUfZQoaBtoJYwJd2hpdGVuaW5nlIwQY3Bncmxfb3B0Lm1ldHJpY5SMCVdo"
+    "aXRlbmluZ5STlCmBlH2UKIwGZmFjdG9ylGgeaCFLAIWUaCOHlFKUKEsBSwKFlGgriUMQAAAAAAAA8D8AAAAAAAAAQJR0lGKMCmNv"
+    "cnJlY3Rpb26UTnViaDBHP+AAAAAAAAB1YowHX2RpcmVjdJROdWIu"
+)
+
+
+def test_a_step_that_was_pickled_with_a_metric_and_a_radius_is_read() -> None:
+    step = pickle.loads(base64.b64decode(OLD_PICKLE))
+    assert step == plain(
+        formulation="restoring", metric=[1.0, 4.0], radius=0.5, restoration_rate=0.02, drop="stationary"
+    )
+    linearization = Linearization([0.0, -1.0], [[1.0, 2.0], [1.0, 0.0]])
+    again = pickle.loads(pickle.dumps(step))
+    np.testing.assert_array_equal(step(linearization, [0.0]).change, again(linearization, [0.0]).change)

@@ -258,3 +258,12 @@ def test_no_row_is_fine() -> None:
     answer = ACTIVE_SET.solve(DirectionProblem(ONE, []))
     assert answer.status == Status.OPTIMAL
     np.testing.assert_array_equal(answer.value["a"], ONE["a"])
+
+
+def test_lists_of_rows_and_of_runs_are_no_trees() -> None:
+    rows = [np.ones(2), np.array([1.0, 0.0])]
+    assert type(Linearization([0.0, -1.0], rows).gradients) is np.ndarray
+    assert Linearization([[0.0, -1.0]], [rows]).gradients.shape == (1, 2, 2)
+    assert type(DirectionProblem([1.0, 2.0], [rows[0]]).gradient) is np.ndarray
+    for plain in (Linearization([0.0, -1.0], rows), Linearization([0.0, -1.0], [[1.0, 2.0], [1.0, 0.0]])):
+        assert type(ConstrainedStep()(plain, [0.0]).change) is np.ndarray

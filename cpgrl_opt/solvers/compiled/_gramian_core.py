@@ -52,17 +52,15 @@ def scale_gramian(
 
 @inlined
 def is_well_apart(
-    K: Floats,
     gram: Floats,
     factor: Floats,
     small: Floats,
     state: Integers,
     order: Integers,
     apart: float,
-    out_of_span: float,
 ) -> bool:
-    """Whether Σ 1/λ(Ĝ) ≤ apart, and the part of g outside the span of the rows is out_of_span of g·g or more."""
-    on, total, outside = 0, 0.0, K[0, 0]
+    """Whether Σ 1/λ(Ĝ) ≤ apart."""
+    on, total = 0, 0.0
     for i in range(len(state)):
         on += state[i] == INSIDE
     if factorize(gram, factor, small, state, order) < on:
@@ -72,12 +70,7 @@ def is_well_apart(
         small[X, column] = 1.0
         solve(factor, small, on)
         total += small[X, column]
-    for k in range(on):
-        small[X, k] = K[order[k] + 1, 0] * small[SCALE, order[k]]
-    solve(factor, small, on)
-    for k in range(on):
-        outside -= K[order[k] + 1, 0] * small[SCALE, order[k]] * small[X, k]
-    return total <= apart and outside >= out_of_span * K[0, 0]
+    return total <= apart
 
 
 @entry_point(
@@ -98,13 +91,13 @@ def weigh(
 ) -> None:
     """(1, μ) into weights, exchanges into report; −1 there where rung "gramian" is shut, or a search does not end.
 
-    gates: the least and the largest square, and as `is_well_apart` has them. squares: (2, m, m), index: (2, m).
+    gates: the least and the largest square, and what `is_well_apart` asks for. squares: (2, m, m), index: (2, m).
     """
     gram, factor, state, order = squares[0], squares[1], index[0], index[1]
     report[0] = -1.0
     if not scale_gramian(K, bound, gates[0], gates[1], gram, small, state):
         return
-    if not is_well_apart(K, gram, factor, small, state, order, gates[2], gates[3]):
+    if not is_well_apart(gram, factor, small, state, order, gates[2]):
         return
     for i in range(len(bound)):
         state[i] = OUTSIDE if state[i] == INSIDE and not equality[i] else state[i]
@@ -120,14 +113,21 @@ def weigh(
 
 
 @entry_point(
-    f"void({_READ.format('f8', 2)}, {_READ.format('b1', 1)}, f8[:, ::1], i8[:, ::1], {_READ.format('f8', 1)},f8[::1])",
+    f"void({_READ.format('f8', 2)}, {_READ.format('b1', 1)}, {_READ.format('f8', 1)}, f8[:, ::1], i8[:, ::1],"
+    f"{_READ.format('f8', 1)}, f8[::1])",
     interpreted=(0, 0),
 )
-def judge(K: Floats, equality: Booleans, small: Floats, index: Integers, sums: Floats, report: Floats) -> None:
-    """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`."""
+def judge(
+    K: Floats, equality: Booleans, gates: Floats, small: Floats, index: Integers, sums: Floats, report: Floats
+) -> None:
+    """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`.
+
+    So where d·d is less than gates[3] of g·g: it is what rounding of K leaves of it.
+    """
     state, sigma = index[0], sqrt(max(K[0, 0], sums[len(sums) - 1]))
     for i in range(len(equality)):
         if state[i] != OFF:
             small[SLACK, i] = sums[i + 1] * small[SCALE, i] - small[BOUND, i]
-    if not measure(small, state, equality, 0, sqrt(sums[0]), sigma, report) < inf:
+    worst = measure(small, state, equality, 0, sqrt(sums[0]), sigma, report)
+    if not (worst < inf and sums[len(sums) - 1] >= gates[3] * K[0, 0]):
         report[0] = inf
