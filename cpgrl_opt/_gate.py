@@ -91,7 +91,7 @@ def view_vectors(gradient: Any, jacobian: Any) -> LeafVectors | None:
         if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
             return None
     view = ArrayVectors(real_view("gradient", gradient, 1), rows)
-    require_gradient_shape(view.gradient, (len(rows), len(rows[0])))
+    require_gradient_shape(view.gradient, rows.shape if isinstance(rows, np.ndarray) else (len(rows), len(rows[0])))
     return view
 
 

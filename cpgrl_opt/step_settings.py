@@ -71,7 +71,7 @@ class StepSettings(ReadOnlyArrays):
             )
         require_limits(self.metric_tolerance, self.metric_iterations)
         if callable(self.metric):
-            vars(self).update(_whitening=None, _metric_bytes=str(id(self.metric)).encode())
+            vars(self).update(_metric_bytes=str(id(self.metric)).encode())
         elif self.metric is not None:
             metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
             vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
@@ -80,6 +80,7 @@ class StepSettings(ReadOnlyArrays):
         # What follows from the settings is found anew: older states may lack it, or have it in another form.
         names = {each.name for each in fields(self)}
         super().__setstate__({name: value for name, value in state.items() if name in names})
+        _ = self._whitening
 
     def _look_up_names(self) -> None:
         if isinstance(self.solver, str):
@@ -151,5 +152,6 @@ class StepSettings(ReadOnlyArrays):
 
     @cached_property
     def _whitening(self) -> Whitening | None:
-        """L of M = LLᵀ; None where M = I."""
-        return None if self.metric is None else validated_metric(self.metric, len(self.metric))[1]  # type: ignore[arg-type]
+        """L of M = LLᵀ; None where M = I or a function."""
+        M = self.metric
+        return None if M is None or callable(M) else validated_metric(M, len(M))[1]  # type: ignore[arg-type]

@@ -57,13 +57,15 @@ def test_each_command_makes_its_own_environment_with_pip_alone(marker, program):
     assert program in command[1]
 
 
-def test_it_says_that_restoring_in_a_ball_is_not_cpo_for_as_long_as_it_is_not():
-    """A constraint that is met with slack 0.05 holds CPO back, and not the step."""
+def test_it_says_which_formulation_is_cpos_problem():
+    """A constraint that is met with slack 0.05 holds CPO back, and `linearized`; not `restoring`."""
+    assert 'formulation="linearized", metric=M, radius=0.1, restoration_rate=1.0)` is CPO\'s problem' in README
     gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
-    step = ConstrainedStep(formulation="restoring", step_size=1.0, restoration_rate=1.0, radius=1.0)
-    ours = step(Linearization([0.0, slack], [gradient, *row]), [0.0]).change
     cpo = SOLVERS["active-set"].solve(DirectionProblem(gradient, row, -slack, radius=1.0))
-    assert np.allclose(ours, cpo.value) == ("is not CPO" not in " ".join(README.split()))
+    for formulation, is_cpo in (("linearized", True), ("restoring", False)):
+        step = ConstrainedStep(formulation=formulation, restoration_rate=1.0, radius=1.0)
+        change = step(Linearization([0.0, slack], [gradient, *row]), [0.0]).change
+        assert np.allclose(change, cpo.value) == is_cpo
 
 
 def test_it_says_how_far_off_a_certified_answer_may_be():
