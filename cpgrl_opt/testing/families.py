@@ -308,9 +308,7 @@ HOSTILE = (
     Family("weakly infeasible", "1e-12 … 1e-4 from feasible", weakly_infeasible, SHIFTED_CASES, several_rows=True),
     Family("far bounds", "a huge number that must not set the scale", far_bounds, (Case.BOUNDS, Case.MIXED)),
     Family("infeasible", "no direction exists", lambda cases: infeasible_problems(cases=cases), SHIFTED_CASES),
-    Family(
-        "out of reach", "the ball misses the constraints", problems_out_of_reach, SHIFTED_CASES, Case.RADIUS, weight=2
-    ),
+    Family("out of reach", "the ball misses the constraints", problems_out_of_reach, SHIFTED_CASES, Case.RADIUS),
     Family(
         "touching",
         "the ball meets the constraints in one point, where no multiplier need be finite, or nearly so",

@@ -274,6 +274,7 @@ _TABLE = (
         (*SHIFTED_CASES, *GEOMETRIES, *LIMITS),
         needs=_violates_in_part,
         about_infeasible=True,
+        part=0.8,
     ),
     Law(conduct.check_non_finite_is_refused, _with_bad_number),
     Law(conduct.check_input_is_unchanged, _of_every_kind, may_decline=True),
