@@ -183,7 +183,8 @@ def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool
 def _look_and_measure(problem: DirectionProblem, answer: Direction) -> tuple[KKTResiduals, Evidence | None]:
     """The residuals, and what they were measured on; hopeless where nothing tells."""
     kappa = 1.0 if problem.radius is None else answer.radius_multiplier
-    for seen in gather_evidence(problem, problem.row_of(answer.value), answer.multipliers, kappa):
+    d = problem.row_of(answer.value) if problem.is_tree else answer.value
+    for seen in gather_evidence(problem, d, answer.multipliers, kappa):
         residuals = _measure(seen)
         if residuals is not None:
             return residuals, seen

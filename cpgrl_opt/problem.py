@@ -11,7 +11,7 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class DirectionProblem:
     metric: Any = None  # Metric, or a function
     radius: float | None = None
     is_long: bool = field(init=False, repr=False)  # worth the way by inner products
+    is_tree: ClassVar[bool] = False  # where True, d comes back as g came, and not as an array of float64
 
     def __init__(
         self,
@@ -99,6 +100,7 @@ class DirectionProblem:
                 for row in J:
                     require_finite(f"jacobian{where}", row)
         vars(self).update(bound=bound, equality=equality, is_long=True, _vectors=vectors)
+        vars(self).update(is_tree=isinstance(vectors, TreeVectors))
         if isinstance(vectors, ArrayVectors):
             vars(self).update(gradient=vectors.gradient)
             if isinstance(vectors.jacobian, np.ndarray):
@@ -113,11 +115,6 @@ class DirectionProblem:
             array = freeze(getattr(self._vectors, f"whole_{name}")())
             vars(self)[name] = array
             return array
-
-    @property
-    def is_tree(self) -> bool:
-        """Whether d comes back as g came, and not as an array of float64."""
-        return isinstance(vars(self).get("_vectors"), TreeVectors)
 
     def row_of(self, direction: Any) -> Vector:
         """d as an array of float64, (n,); ValueError for what has not the form of g."""

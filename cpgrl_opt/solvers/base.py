@@ -33,7 +33,7 @@ class Solver(CheckedSettings):
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`."""
         if problem.metric is not None or problem.radius is not None:
-            return self.solve_in_geometry(problem)
+            return solve_in_geometry(self, problem)
         if problem.is_long:
             return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.is_exact)
         return self.solve_rows(problem)
@@ -56,12 +56,6 @@ class Solver(CheckedSettings):
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """B such problems."""
         return DirectionBatch.stack([self.solve_rows(problem) for problem in problems])
-
-    def solve_in_geometry(self, problem: DirectionProblem) -> Direction:
-        """The direction of a problem with a metric, a radius or both."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        return solve_in_geometry(self, problem)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The core: x and μ of the small problem, as far as the method gets."""

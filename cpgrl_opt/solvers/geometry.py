@@ -32,6 +32,10 @@ class Around(Protocol):
 
     tolerance: float
 
+    def supports(self, problem: DirectionProblem) -> bool:
+        """Whether it takes the problem."""
+        ...
+
     def solve(self, problem: DirectionProblem) -> Direction:
         """Any problem."""
         ...
@@ -54,7 +58,9 @@ class Around(Protocol):
 
 
 def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
-    """The answer to a problem with a metric, a radius or both."""
+    """The answer to a problem with a metric, a radius or both; UNSUPPORTED where the solver takes no such rows."""
+    if not solver.supports(problem):
+        return unsupported(problem)
     if problem.metric is None and problem.is_long:
         return solve_in_span(partial(_solve_whole, solver), problem, solver.tolerance, is_exact=False)
     return _solve_whole(solver, problem)
@@ -124,8 +130,14 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
         return unsupported(problem)
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return _nothing(problem, Status.NUMERICAL_ERROR, iterations)
-    value = problem.as_given(value)
-    found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
+    found = Direction(
+        problem.as_given(value) if problem.is_tree else value,
+        multipliers,
+        status,
+        iterations,
+        kappa,
+        rung=getattr(answer, "rung", ""),
+    )
     if answer.residuals is not None and not needs_the_metric_itself(problem):
         return replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     return certify(problem, found, tolerance, infeasible_direction)

@@ -8,6 +8,7 @@ from ..problem import DirectionProblem, ProblemBatch, without_geometry
 from .asking import ask
 from .base import Solver
 from .facts import supports, tolerance_of
+from .geometry import solve_in_geometry
 from .interface import DirectionSolver, solve_stacked, unsupported
 from .small_problem import SmallAnswer, SmallProblem
 from .trust_region import as_problem, as_small
@@ -42,7 +43,7 @@ class WithGeometry(Solver):
             return unsupported(problem)
         if problem.metric is None and problem.radius is None:
             return self.solve_rows(problem)
-        return self.solve_in_geometry(problem)
+        return solve_in_geometry(self, problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """B problems of one shape."""
