@@ -30,7 +30,10 @@ _ARRAYS = ("gradient", "jacobian", "bound", "equality")
 class Around(Protocol):
     """What a metric and a ball are put around."""
 
-    tolerance: float
+    @property
+    def tolerance(self) -> float:
+        """The worst residual of an OPTIMAL answer."""
+        ...
 
     def supports(self, problem: DirectionProblem) -> bool:
         """Whether it takes the problem."""
