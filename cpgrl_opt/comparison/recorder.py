@@ -61,7 +61,8 @@ class Recorder:
 
     runs: which ones the training advances in lockstep, in order; chosen: by `stretches`; training: its name.
     A problem without an active constraint (its answer is d = g) is not kept, nor is one that was only handed to
-    another solver. Memory: the kept problems, and those of one update. ValueError for problems with metric or radius.
+    another solver. Memory: the kept problems, and those of one update. ValueError for problems with a metric: a step
+    solves its own where M = I.
     """
 
     def __init__(self, runs: Sequence[int], chosen: Sequence[Stretch], training: str, selection: str = "") -> None:
@@ -75,8 +76,8 @@ class Recorder:
 
     def __call__(self, problems: ProblemBatch, answers: DirectionBatch) -> None:  # noqa: ARG002 - an Observer
         """Keeps what belongs to the chosen updates; the first call after `next_episode` has every run's problems."""
-        if problems.metric is not None or problems.radius is not None:
-            raise ValueError("problems to record should have no metric and no radius; found one that has")
+        if problems.metric is not None:
+            raise ValueError("problems to record should have no metric; found one that has")
         self._shape = problems.jacobian.shape[1:]
         is_open = [k for k in self._kept if self._chosen[k].first <= self.episode <= self._chosen[k].last]
         if not is_open:
@@ -89,7 +90,8 @@ class Recorder:
             if (problems.bound[row] > -np.inf).any() and len(self._kept[k]) < self._chosen[k].room:
                 arrays = (problems.gradient, problems.jacobian, problems.bound, problems.equality)
                 gradient, jacobian, bound, equality = (array[row].copy() for array in arrays)
-                self._kept[k].append(_Kept(gradient, jacobian, bound, equality, self.episode, part))
+                radius = np.inf if problems.radius is None else float(problems.radius[row])
+                self._kept[k].append(_Kept(gradient, jacobian, bound, equality, radius, self.episode, part))
 
     def next_episode(self) -> None:
         """The update is done."""
@@ -107,6 +109,7 @@ class Recorder:
             jacobian=np.stack([each.jacobian for *_, each in kept]),
             bound=np.stack([each.bound for *_, each in kept]),
             equality=np.stack([each.equality for *_, each in kept]),
+            radius=np.array([each.radius for *_, each in kept]),
             training=np.zeros(len(kept), np.int64),
             run=np.array([run for run, *_ in kept], np.int64),
             episode=np.array([each.episode for *_, each in kept], np.int64),
@@ -123,12 +126,16 @@ class _Kept:
     jacobian: Float[np.ndarray, "m n"]
     bound: Float[np.ndarray, "m"]
     equality: np.ndarray
+    radius: float
     episode: int
     part: int
 
 
 class _Update:
-    """One update's problems so far: which run a later, smaller batch speaks of, and what was met before."""
+    """One update's problems so far: which run a later, smaller batch speaks of, and what was met before.
+
+    With a radius the tangents come first and alone, since restorations know none; without one both come together.
+    """
 
     def __init__(self, problems: ProblemBatch, runs: int) -> None:
         if len(problems) not in (runs, 2 * runs):
@@ -138,18 +145,21 @@ class _Update:
         self.runs = runs
         self.jacobians = problems.jacobian[:runs].copy()
         self.met: set[bytes] = set()
-        self.is_first = True
+        self.in_balls = problems.radius is not None
+        self.awaited = [True, False] if self.in_balls else [False]  # whether the next whole batch has a radius
 
     def news(self, problems: ProblemBatch, positions: list[int]) -> list[tuple[int, int, int]]:
         """(row, run's position, part) of the problems of these runs that were not met in this update before."""
-        if self.is_first:
-            rows = [(row, row % self.runs, row // self.runs) for row in range(len(problems))]
-            self.is_first = False
+        has_ball, count = problems.radius is not None, len(problems)
+        apart = int(self.in_balls and not has_ball)  # 1 for a restoration in a batch of its own
+        if self.awaited[:1] == [has_ball]:
+            rows = [(row, row % self.runs, apart + row // self.runs) for row in range(count)]
+            self.awaited.pop(0)
         else:  # after a drop, for some of the runs: tangents, then restorations. J tells whose they are.
-            half = len(problems) // 2
+            second = 0 if apart else count if self.in_balls else count // 2
             rows = [
-                (row, position, 2 + (row >= half))
-                for row in range(len(problems))
+                (row, position, 2 + (row >= second))
+                for row in range(count)
                 for position in positions
                 if np.array_equal(problems.jacobian[row], self.jacobians[position])
             ]
@@ -157,7 +167,7 @@ class _Update:
         for row, position, part in rows:
             if position in positions:
                 arrays = (problems.gradient, problems.jacobian, problems.bound, problems.equality)
-                key = b"%d " % position + b"".join(array[row].tobytes() for array in arrays)
+                key = b"%d %d " % (position, has_ball) + b"".join(array[row].tobytes() for array in arrays)
                 if key not in self.met:
                     self.met.add(key)
                     fresh.append((row, position, part))

@@ -17,6 +17,7 @@ from ..problem import DirectionProblem, ProblemBatch
 from .recording_file import Kind, read_arrays
 
 FORMAT = "cpgrl recording 1"
+FORMAT_WITH_RADIUS = "cpgrl recording 2"  # has one array more; what has no ball is written as ever
 # What an update solves: PΔ¹ and the restoration (one problem in the formulation "restoring"), both again after a drop.
 PARTS = ("tangent", "restoration", "tangent after a drop", "restoration after a drop")
 SHIPPED = ("three-state", "arm")
@@ -46,8 +47,11 @@ class Recording:
     stretch: Int[np.ndarray, "P"]
     trainings: tuple[str, ...]
     selection: str
+    radius: Float[np.ndarray, "P"] | None = None
 
     def __post_init__(self) -> None:
+        if self.radius is None:
+            object.__setattr__(self, "radius", np.full(len(self.gradient), np.inf))
         for name in _ARRAYS:
             _require_kind(name, getattr(self, name))
         _require_unicode(self.selection, *self.trainings)
@@ -61,17 +65,33 @@ class Recording:
         for name, names in (("training", self.trainings), ("part", PARTS)):
             if (getattr(self, name) >= len(names)).any():
                 raise ValueError(f"{name} should be below {len(names)}; found {getattr(self, name).max()}")
-        _ = self.batch  # checks the problems
+        if self.radii.shape != (len(self.gradient),) or not (self.radii > 0).all():
+            raise ValueError(f"radius should hold {len(self.gradient)} numbers > 0; found {self.radii}")
+        _ = self._without_balls  # checks the problems
+
+    @property
+    def radii(self) -> Float[np.ndarray, "P"]:
+        """(P,), inf for a problem without a ball."""
+        return np.asarray(self.radius)
+
+    @cached_property
+    def _without_balls(self) -> ProblemBatch:
+        return ProblemBatch(self.gradient, self.jacobian, self.bound, self.equality)
 
     @cached_property
     def batch(self) -> ProblemBatch:
-        """All problems, stacked."""
-        return ProblemBatch(self.gradient, self.jacobian, self.bound, self.equality)
+        """All problems, stacked. ValueError where some have a radius and some not."""
+        has_ball = self.radii < np.inf
+        if not has_ball.any():
+            return self._without_balls
+        if not has_ball.all():
+            raise ValueError(f"problems of a batch should all have a radius, or none; found {has_ball.sum()} that have")
+        return ProblemBatch(self.gradient, self.jacobian, self.bound, self.equality, radius=self.radii)
 
     @cached_property
     def problems(self) -> list[DirectionProblem]:
         """All problems, one by one."""
-        return list(self.batch)
+        return [_in_ball(problem, float(r)) for problem, r in zip(self._without_balls, self.radii, strict=True)]
 
     @cached_property
     def sequences(self) -> list[list[int]]:
@@ -96,10 +116,20 @@ class Recording:
     def save(self, path: Path) -> None:
         """Writes the `.npz`; the same recording, the same bytes."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        texts: dict[str, Any] = {"format": np.array(FORMAT), "selection": np.array(self.selection)}
+        has_balls = bool((self.radii < np.inf).any())
+        if not has_balls:
+            del arrays["radius"]
+        written = FORMAT_WITH_RADIUS if has_balls else FORMAT
+        texts: dict[str, Any] = {"format": np.array(written), "selection": np.array(self.selection)}
         # No `allow_pickle`, which NumPy before 2.2 stores as one more array; no bare path, which would get a suffix.
         with Path(path).open("wb") as file:
             np.savez_compressed(file, **arrays, **texts, trainings=np.array(self.trainings, str))
+
+
+def _in_ball(problem: DirectionProblem, radius: float) -> DirectionProblem:
+    if radius == np.inf:
+        return problem
+    return DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality, radius=radius)
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.name not in _TEXTS)
@@ -132,11 +162,12 @@ def load_recording(path: Path | str) -> Recording:
 
     Raises ValueError for a file that is not there or not such a recording.
     """
-    contents = read_arrays(Path(path), _KINDS)
+    contents = read_arrays(Path(path), _KINDS, optional=("radius",))
     try:
         texts = {name: tuple(map(str, contents.pop(name).reshape(-1))) for name in _TEXTS}
-        if texts["format"] != (FORMAT,):
-            raise ValueError(f"format should be {FORMAT!r}; found {texts['format'][0]!r}")
+        written = FORMAT_WITH_RADIUS if "radius" in contents else FORMAT
+        if texts["format"] != (written,):
+            raise ValueError(f"format should be {written!r}; found {texts['format'][0]!r}")
         return Recording(**contents, trainings=texts["trainings"], selection=texts["selection"][0])
     except ValueError as error:
         raise ValueError(f"{path} should be a recording, but its {error}") from error

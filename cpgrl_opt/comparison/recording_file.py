@@ -8,7 +8,7 @@ import math
 import sys
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,20 +38,20 @@ class Kind:
     axes: tuple[int, ...]
 
 
-def read_arrays(path: Path, kinds: Mapping[str, Kind]) -> dict[str, np.ndarray]:
-    """The arrays of the `.npz`, one for each kind, whatever its bytes are.
+def read_arrays(path: Path, kinds: Mapping[str, Kind], optional: Collection[str] = ()) -> dict[str, np.ndarray]:
+    """The arrays of the `.npz`, one for each kind, whatever its bytes are; of the optional ones those that are there.
 
     Raises ValueError, with the path and what is wrong, for a file that is damaged or holds anything else.
     """
     try:
         size = path.stat().st_size
         with zipfile.ZipFile(path) as archive:
-            entries = _entries(archive, kinds)
+            entries = _entries(archive, kinds, optional)
             declared = sum(entry.file_size for entry in entries.values())
             if declared > max(_ALWAYS_ALLOWED, _MOST_PACKED * size):
                 raise ValueError(f"{size} bytes that unpack to {declared}")
-            for name, kind in kinds.items():
-                _require_header(archive, entries[name], name, kind)
+            for name, entry in entries.items():
+                _require_header(archive, entry, name, kinds[name])
             return {name: _array(archive, entry) for name, entry in entries.items()}
     except FileNotFoundError:
         reason: object = "no such file"
@@ -60,7 +60,9 @@ def read_arrays(path: Path, kinds: Mapping[str, Kind]) -> dict[str, np.ndarray]:
     raise ValueError(f"{path} should be a recording, an .npz as --record writes it; found {reason}")
 
 
-def _entries(archive: zipfile.ZipFile, kinds: Mapping[str, Kind]) -> dict[str, zipfile.ZipInfo]:
+def _entries(
+    archive: zipfile.ZipFile, kinds: Mapping[str, Kind], optional: Collection[str]
+) -> dict[str, zipfile.ZipInfo]:
     """The entries of the directory by their arrays' names, in the order of the kinds."""
     entries = {entry.filename: entry for entry in archive.infolist()}
     if len(entries) < len(archive.infolist()):
@@ -70,6 +72,7 @@ def _entries(archive: zipfile.ZipFile, kinds: Mapping[str, Kind]) -> dict[str, z
     strange = [name for name in entries if name not in wanted.values()]
     if strange:
         raise ValueError(f"what no recording has: {', '.join(map(ascii, strange[:9]))}")
+    wanted = {name: entry for name, entry in wanted.items() if entry in entries or name not in optional}
     missing = [name for name, entry in wanted.items() if entry not in entries]
     if missing:
         raise ValueError(f"no array named {', '.join(missing)}")

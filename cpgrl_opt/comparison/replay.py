@@ -10,11 +10,13 @@ from ..answers import as_direction
 from ..arrays import Float, Int
 from ..certify import kkt_residuals
 from ..problem import DirectionProblem
+from ..solvers import SOLVERS
 from ..solvers.asking import in_form
 from ..solvers.facts import facts_of
 from ..solvers.infeasibility import least_violation
 from ..solvers.interface import DirectionSolver
 from ..validation import require_count
+from .contestants import DEFAULT_SOLVER
 from .families import ProblemFamily
 from .recording import Recording
 
@@ -77,9 +79,10 @@ def _solve(solver: DirectionSolver, problem: DirectionProblem, index: int, done:
 def recorded_family(recording: Recording, name: str) -> ProblemFamily:
     """The recording's problems, drawn evenly, as a family of the comparison.
 
-    feasible: whether every problem's active rows can be met with equality, which suffices; well_posed: whether these
-    rows are independent, σ_min ≥ 1e-7 on unit rows. A single problem is infeasible where a violation above 1e-9 is
-    proven, see `least_violation`. ValueError for a recording without problems.
+    feasible: whether every problem's active rows can be met with equality, in its ball, which suffices; well_posed:
+    whether these rows are independent, σ_min ≥ 1e-7 on unit rows. A single problem is infeasible where a violation
+    above 1e-9 is proven, see `least_violation`, or the shortest direction is longer than the radius. ValueError for a
+    recording without problems.
     """
     if not len(recording):
         raise ValueError("a family should have a problem; found a recording of none")
@@ -97,7 +100,12 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
 
 
 def _is_feasible(problem: DirectionProblem) -> bool:
-    return least_violation(problem) is None
+    if least_violation(problem) is not None:
+        return False
+    if problem.radius is None:
+        return True
+    still = DirectionProblem(np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
+    return bool(np.linalg.norm(SOLVERS[DEFAULT_SOLVER].solve(still).value) <= (1 + _CONSISTENT) * problem.radius)
 
 
 def _facts(problem: DirectionProblem) -> tuple[bool, bool]:
@@ -110,4 +118,5 @@ def _facts(problem: DirectionProblem) -> tuple[bool, bool]:
     least: np.ndarray = np.linalg.lstsq(J, b, rcond=_WELL_POSED)[0]
     size = np.abs(b).max(initial=0.0)
     independent = bool(np.linalg.svd(J, compute_uv=False).min(initial=1.0) >= _WELL_POSED) and len(J) <= problem.n
-    return bool(np.abs(J @ least - b).max(initial=0.0) <= _CONSISTENT * size), independent
+    reaches = problem.radius is None or bool(np.linalg.norm(least) <= problem.radius)
+    return reaches and bool(np.abs(J @ least - b).max(initial=0.0) <= _CONSISTENT * size), independent
