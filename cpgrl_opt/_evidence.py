@@ -57,6 +57,8 @@ def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa
     if problem.metric is None:
         yield _look(problem, d, mu, kappa, unit_rows(problem.jacobian))
     flat = flatten(problem)
+    if flat.failure is not None:
+        return
     mu, kappa = flat.in_units(d, mu, kappa)[1:]
     if isinstance(flat, SpanFlat):
         yield _look_by_products(flat, d, mu, kappa)

@@ -100,8 +100,9 @@ def metric_of_rows(vectors: LeafVectors, metric: Any) -> Any:
     if metric is None or not isinstance(vectors, TreeVectors):
         return metric
     if callable(metric):
-        return lambda row: vectors.row_of(metric(vectors.from_row(row)))
-    return metric if isinstance(metric, np.ndarray) and metric.ndim == 2 else vectors.row_of(metric)
+        return lambda row: vectors.row_of(metric(vectors.from_row(row)), "what metric returns")
+    is_matrix = hasattr(metric, "ndim") and metric.ndim == 2 and vectors.shape[1] == len(metric)
+    return metric if is_matrix else vectors.row_of(metric, "metric")
 
 
 def _is_vector(row: object) -> bool:

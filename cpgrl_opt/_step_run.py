@@ -203,8 +203,8 @@ class StepRun:
         answers = answers.owned()
         for k in infeasible.tolist():
             recovered = recover(problems[k], answers.value[k])
-            if recovered is not None:
-                answers.value[k], answers.multipliers[k] = recovered
+            if recovered is not None:  # the proof stays what it is
+                answers.value[k] = recovered
         return answers
 
     def hand_on(

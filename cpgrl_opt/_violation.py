@@ -95,6 +95,8 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
         return math.inf
+    if problem.metric is not None and flatten(problem).failure is not None:
+        return math.inf
     flat, d, radius = _flatten(problem, d)
     if not (np.isfinite(d).all() and np.isfinite(flat.jacobian).all()):
         return math.inf
@@ -133,6 +135,8 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     require_shape("y", y, (problem.m,))
     if problem.metric is not None and np.isfinite(y).all() and y.any():
         flat = flatten(problem)
+        if flat.failure is not None:
+            return math.inf
         problem, y = flat.problem, flat.proof(y)
     proof = _read(problem, y)
     residual = proof.residual

@@ -23,6 +23,9 @@ from .metric_operator import OperatorMetric
 from .problem import DirectionProblem
 from .scaling import UnitRows, demand, unit_rows
 
+# What is asked for beyond it is as far out of reach as it is.
+_LARGEST = 1e300
+
 
 @dataclass(frozen=True, eq=False)
 class Flat:
@@ -88,7 +91,8 @@ def flatten(problem: DirectionProblem) -> Flat | SpanFlat:
     if known is None or not all(map(is_, known[0], given)):
         by_product = isinstance(problem.whitening, OperatorMetric)
         known = given, SpanFlat.of(problem) if by_product else _flatten(problem)
-        vars(problem)["_flat"] = known
+        if problem.metric is not None or not problem.is_long:  # else it would be a copy of all for a rare look
+            vars(problem)["_flat"] = known
     return known[1]
 
 
@@ -106,7 +110,9 @@ def _flatten(problem: DirectionProblem) -> Flat:
         length = force = max(sizes, default=0)
     exponents[0] = force
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        given, bound = np.ldexp(given, columns - exponents[:, None]), np.ldexp(bound, -rows - length)
+        given = np.ldexp(given, columns - exponents[:, None])
+        beyond = np.ldexp(bound, -rows - length)  # of a tiny radius
+        bound = np.where(np.isfinite(bound), np.clip(beyond, -_LARGEST, _LARGEST), bound)
         vectors = given if whitening is None else whitening.rows(given)
         radius = None if radius is None else float(np.ldexp(radius, -length))
     flat = DirectionProblem.trusted(vectors[0], vectors[1:], bound, problem.equality, radius)

@@ -96,7 +96,7 @@ class SpanFlat:
         x = np.linalg.solve(self.factor[self.basis], products / self.lengths[self.basis])
         weights = self._weights(x)
         apart = Md - weights[0] * self.given.gradient - weights[1:] @ self.given.jacobian
-        return np.append(x, np.sqrt(max(float((d - weights @ self.images) @ apart), 0.0)))
+        return np.append(x, np.sqrt(abs(float((d - weights @ self.images) @ apart))))
 
     def _weights(self, x: Float[np.ndarray, "k"]) -> Float[np.ndarray, "channels"]:
         weights = np.zeros(len(self.lengths))

@@ -5,6 +5,7 @@ asymmetry, uᵀMv ≠ vᵀMu, and every vector that is multiplied is looked at, 
 Source: Hestenes & Stiefel 1952; Golub & Van Loan, Matrix Computations, §11.3.
 """
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -16,13 +17,12 @@ from .validation import require_count, require_number
 TOLERANCE, ITERATIONS = 1e-12, 1000
 # What rounding, in single precision too, leaves between uᵀMv and vᵀMu, of ‖u‖‖Mv‖.
 _ASYMMETRY = 1e-5
-_MOST_RESTARTS = 3
 
 
 class OperatorMetric:
     """M as a callable; ValueError where it visibly is no metric of n parameters.
 
-    tolerance: ‖Mx − v‖/‖v‖ of x = M⁻¹v; iterations: the most products for one x.
+    tolerance: ‖Mx − v‖/‖v‖ of x = M⁻¹v; iterations: the most of them for one x.
     """
 
     def __init__(
@@ -60,10 +60,11 @@ class OperatorMetric:
         target = vector / unit
         M = LinearOperator((self.n, self.n), matvec=lambda v: self.times(np.ravel(v)), dtype=np.float64)
         goal = (self.tolerance if tolerance is None else tolerance) * _norm(target)
-        x, rest = np.zeros(self.n), target
-        for _ in range(_MOST_RESTARTS):  # the recurrence of the residual drifts; begun anew it does not
-            more, _ = cg(M, rest, rtol=0.0, atol=0.5 * goal, maxiter=self.iterations)
-            x = x + more
+        x, rest, left = np.zeros(self.n), target, self.iterations
+        while left > 0:  # the recurrence of the residual drifts; begun anew it does not
+            steps = itertools.count()
+            more, _ = cg(M, rest, rtol=0.0, atol=0.5 * goal, maxiter=left, callback=lambda _, s=steps: next(s))
+            x, left = x + more, left - max(next(steps), 1)
             rest = target - self.times(x)
             if _norm(rest) <= goal:
                 return x * unit, True

@@ -75,6 +75,7 @@ class DirectionProblem:
         else:
             m, n = vectors.shape
             self._look_at(vectors, *check_bounds(bound, equality, (m,)))
+            vars(self).update(_given_metric=metric)
             metric = metric_of_rows(vectors, metric)
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n, metric_tolerance, metric_iterations))
@@ -85,7 +86,8 @@ class DirectionProblem:
     def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
         # Through the constructor, so that a copy or an unpickled problem is read-only too.
         given: Any = self.vectors if self.is_tree else self
-        arguments = (given.gradient, given.jacobian, self.bound, self.equality, self.metric, self.radius)
+        metric = vars(self).get("_given_metric", self.metric)
+        arguments = (given.gradient, given.jacobian, self.bound, self.equality, metric, self.radius)
         M = self.whitening
         if not isinstance(M, OperatorMetric):
             return DirectionProblem, arguments
@@ -127,7 +129,9 @@ class DirectionProblem:
         return self.vectors.from_row(row) if self.is_tree else row
 
     def __copy__(self) -> "DirectionProblem":
-        return self.copied()
+        made, arguments = self.__reduce__()
+        problem: DirectionProblem = made(*arguments) if self.is_tree else self.copied()
+        return problem
 
     @classmethod
     def trusted(

@@ -7,20 +7,19 @@ d = 0 meets S, so that V can always give way alone. What finds v has a weight κ
 
     (d, w) = argmin ½‖d − c‖² + ½‖w‖²   s.t.  Ĵ_V d + √κ w ≥ b̂_V,   Ĵ_S d ≥ b̂_S,        v = √κ w
 
-and its multipliers μ have Ĵᵀμ = d − c. Without a ball c ← d for a small κ, until v stays: then y = κμ is a Farkas
-vector, y_V = v, Ĵᵀy = 0. In a ball that is too small for d with c = 0 and κ → 0, κ is its multiplier: ‖d‖, which falls
-with κ, is the radius, and b̂ᵀy = ‖v‖² + radius ‖Ĵᵀy‖.
+and Ĵᵀμ = d − c of its multipliers. Without a ball c ← d for a small κ, until v stays. In a ball that the shortest such
+d is too long for, c = 0, and κ is the ball's multiplier: ‖d‖, which falls with κ, is the radius. The proof that nothing
+meets all of the rows is the solver's.
 Source: Rockafellar 1976, Monotone operators and the proximal point algorithm; Moré & Sorensen 1983 for the ball.
 """
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Float, Multipliers, Vector
-from .direction import Status
+from .arrays import Float, Vector
+from .direction import DirectionError, Status
 from .problem import DirectionProblem, ProblemBatch
 from .scaling import norm, unit_rows
 from .solvers import ActiveSet, solve_batch
@@ -39,13 +38,6 @@ _ROUNDING = 8 * float(np.finfo(np.float64).eps)  # of b̂ − Ĵd, for d of leng
 _LEAST_WEIGHT = 1e-13
 
 
-class Recovered(NamedTuple):
-    """d (n,), and μ (m,): a proof that nothing meets all of the rows."""
-
-    value: Vector
-    multipliers: Multipliers
-
-
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """Unit rows that are on and their bounds, in units of the largest b̂_V; gives: V."""
@@ -54,8 +46,8 @@ class _Rows:
     bound: Float[np.ndarray, "p"]
     gives: np.ndarray
 
-    def soften(self, weight: float, center: Vector) -> tuple[Vector, Float[np.ndarray, "p"]]:
-        """d of the module's head and y = κμ for κ = weight and c = center."""
+    def soften(self, weight: float, center: Vector) -> Vector:
+        """d of the module's head for κ = weight and c = center; DirectionError where the core breaks down."""
         count, n = int(self.gives.sum()), self.jacobian.shape[1]
         soft = np.zeros((len(self.bound), n + count))
         soft[:, :n] = self.jacobian
@@ -63,15 +55,18 @@ class _Rows:
         gradient = np.append(center, np.zeros(count))
         none = np.zeros(len(self.bound), np.bool_)
         answer = ActiveSet().solve(DirectionProblem.trusted(gradient, soft, self.bound.copy(), none))
-        return answer.value[:n], weight * answer.multipliers
+        if answer.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
+            raise DirectionError(str(answer.status))
+        d: Vector = answer.value[:n]
+        return d
 
     def violation(self, d: Vector) -> Float[np.ndarray, "p"]:
         """v of d on V; 0 on S."""
         return np.where(self.gives, np.maximum(self.bound - self.jacobian @ d, 0.0), 0.0)
 
 
-def recover(problem: DirectionProblem, found: Vector) -> Recovered | None:
-    """The recovery of an infeasible problem of inequalities, M = I; None where `found` is one.
+def recover(problem: DirectionProblem, found: Vector) -> Vector | None:
+    """The recovery of an infeasible problem of inequalities, M = I; None where `found` is one, or the core breaks down.
 
     found: its least violation of all rows alike, which is a recovery where it meets S.
     """
@@ -86,32 +81,32 @@ def recover(problem: DirectionProblem, found: Vector) -> Recovered | None:
     if missed <= _MET * max(1.0, norm(found) / scale):
         return None
     radius = math.inf if problem.radius is None else problem.radius / scale
-    d, y = _least_violation(rows, problem.gradient / scale, radius)
-    multipliers = np.zeros(problem.m)
-    multipliers[on] = y
-    return Recovered(scale * d, unit.per_length(multipliers))
+    try:
+        return scale * _violate_least(rows, problem.gradient / scale, radius)
+    except DirectionError:  # the solver's own least violation is there
+        return None
 
 
-def _least_violation(rows: _Rows, gradient: Vector, radius: float) -> tuple[Vector, Float[np.ndarray, "p"]]:
-    if norm(rows.soften(_LEAST_WEIGHT, np.zeros_like(gradient))[0]) > radius:
+def _violate_least(rows: _Rows, gradient: Vector, radius: float) -> Vector:
+    if norm(rows.soften(_LEAST_WEIGHT, np.zeros_like(gradient))) > radius:
         return _on_sphere(rows, radius)
-    d, y = _approach(rows)
+    d = _approach(rows)
     rounding = _ROUNDING * max(1.0, norm(d))  # which would else be all that rows which oppose each other ask for
     given = np.where(rows.gives, rows.bound - rows.violation(d) - rounding, rows.bound)
     nearest = _nearest(rows, given, gradient, None if radius == math.inf else radius)
-    return (d if nearest is None else nearest), y
+    return d if nearest is None else nearest
 
 
-def _approach(rows: _Rows) -> tuple[Vector, Float[np.ndarray, "p"]]:
-    """A d that violates least, without a ball, and y."""
+def _approach(rows: _Rows) -> Vector:
+    """A d that violates least, without a ball."""
     d = np.zeros(rows.jacobian.shape[1])
     v = rows.violation(d)
     for _ in range(_MOST_STEPS):
-        d, y = rows.soften(_WEIGHT, d)
+        d = rows.soften(_WEIGHT, d)
         before, v = v, rows.violation(d)
         if np.abs(v - before).max() <= _STAYS:
             break
-    return d, y
+    return d
 
 
 def _nearest(rows: _Rows, bound: Float[np.ndarray, "p"], gradient: Vector, radius: float | None) -> Vector | None:
@@ -122,17 +117,17 @@ def _nearest(rows: _Rows, bound: Float[np.ndarray, "p"], gradient: Vector, radiu
     return answer.value if answer.status in (Status.OPTIMAL, Status.INFEASIBLE) else None
 
 
-def _on_sphere(rows: _Rows, radius: float) -> tuple[Vector, Float[np.ndarray, "p"]]:
-    """d with ‖d‖ = radius by a search for log κ, and y."""
+def _on_sphere(rows: _Rows, radius: float) -> Vector:
+    """d with ‖d‖ = radius by a search for log κ."""
     from scipy.optimize import brentq  # first use only: importing the package stays light
 
     center = np.zeros(rows.jacobian.shape[1])
 
     def excess(exponent: float) -> float:
-        return math.log(max(norm(rows.soften(math.exp(exponent), center)[0]) / radius, 1e-300))
+        return math.log(max(norm(rows.soften(math.exp(exponent), center)) / radius, 1e-300))
 
     # ½κ‖d‖² ≤ ½‖b̂_V‖², which d = 0 has.
     high = 2.0 * math.log(norm(rows.bound[rows.gives]) / radius) + 1.0
     low = math.log(_LEAST_WEIGHT)
-    d, y = rows.soften(math.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15)), center)
-    return d * min(1.0, radius / norm(d)), y  # by rounding beside large b̂_V it may be 1e-12 outside
+    d = rows.soften(math.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15)), center)
+    return d * min(1.0, radius / norm(d))  # by rounding beside large b̂_V it may be 1e-12 outside

@@ -1,4 +1,4 @@
-"""Nothing any more: a name that steps with a metric or a radius, pickled before 2026-11-27, ask for to be read."""
+"""Kept so that steps with a metric or a radius that were pickled before 2026-11-27 can be read."""
 
 
 class StepGeometry:

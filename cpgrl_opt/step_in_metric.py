@@ -41,7 +41,7 @@ def step_in_operator_metric(
         if span.failure is not None:
             if raises:
                 raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")
-            found.append(_skip(len(g), slack[run], active[run] & ~takes_all))
+            found.append(_skip(len(g), slack[run], np.zeros_like(active[run]) if takes_all else active[run].copy()))
             continue
         flat = span.problem
         result = on_rows(np.vstack([flat.gradient, flat.jacobian]), slack[run], active[run], observe)

@@ -22,7 +22,7 @@ from .validation import (
     require_nonnegative,
     require_positive,
 )
-from .vectors import is_long
+from .vectors import TreeVectors, is_long
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -73,6 +73,8 @@ class StepSettings(ReadOnlyArrays):
         if callable(self.metric):
             vars(self).update(_metric_bytes=str(id(self.metric)).encode())
         elif self.metric is not None:
+            if isinstance(self.metric, dict):
+                vars(self).update(metric=TreeVectors(self.metric, []).whole_gradient())
             metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
             vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
 
@@ -81,6 +83,8 @@ class StepSettings(ReadOnlyArrays):
         names = {each.name for each in fields(self)}
         super().__setstate__({name: value for name, value in state.items() if name in names})
         _ = self._whitening
+        if callable(self.metric):
+            vars(self).update(_metric_bytes=str(id(self.metric)).encode())
 
     def _look_up_names(self) -> None:
         if isinstance(self.solver, str):

@@ -8,6 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
+from ..certify import certify
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .active_set import ActiveSet
@@ -15,6 +18,7 @@ from .asking import ask, vouch_for
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
+from .infeasibility import infeasible_direction
 from .interface import (
     DirectionSolver,
     MissingPackageError,
@@ -84,8 +88,10 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
         return solver.solve(problem)
     if not supports(solver, problem):
         return unsupported(problem)
-    [answer] = refereed([problem], DirectionBatch.stack([ask(solver, problem)]), tolerance_of(solver))
-    return replace(answer, value=problem.as_given(answer.value))
+    asked = ask(solver, problem)
+    answer = certify(problem, asked, tolerance_of(solver), infeasible_direction)
+    is_row = problem.is_tree and type(asked.value) is np.ndarray
+    return replace(answer, value=problem.as_given(asked.value)) if is_row else answer
 
 
 def solve_batch(
@@ -102,7 +108,8 @@ def solve_batch(
 
     Returns
     -------
-    DirectionBatch : one direction a problem. ValueError where the solver writes to the problems, or returns none.
+    DirectionBatch : one direction a problem, rows of float64 whatever the gradients were. ValueError where the solver
+        writes to the problems, or returns none.
     """
     solver = _checked(solver)
     answers = solve_stacked(solver, problems, threads=threads)

@@ -92,6 +92,8 @@ def _solve_whole(solver: Around, problem: DirectionProblem) -> Direction:
 
 def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> DirectionBatch:
     """B problems, each as alone; what a compiled pass does is done together."""
+    if callable(problems.metric):  # each in coordinates of its own
+        return DirectionBatch.stack([solver.solve(problem) for problem in problems])
     flats = [] if problems.metric is None else list(map(flatten, problems))
     flat_batch = _stack([each.problem for each in flats]) if flats else problems
     answers = solver.solve_rows_batch(flat_batch) if problems.radius is None else solver.climb(flat_batch)
@@ -133,17 +135,12 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
         return unsupported(problem)
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return _nothing(problem, Status.NUMERICAL_ERROR, iterations)
-    found = Direction(
-        problem.as_given(value) if problem.is_tree else value,
-        multipliers,
-        status,
-        iterations,
-        kappa,
-        rung=getattr(answer, "rung", ""),
-    )
+    found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
     if answer.residuals is not None and not needs_the_metric_itself(problem):
-        return replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
-    return certify(problem, found, tolerance, infeasible_direction)
+        found = replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
+    else:
+        found = certify(problem, found, tolerance, infeasible_direction)
+    return replace(found, value=problem.as_given(value)) if problem.is_tree else found
 
 
 def _nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:

@@ -45,8 +45,8 @@ class LeafVectors:
         """The caller's kind of vector, of one array (k,) a leaf."""
         raise NotImplementedError
 
-    def taken_apart(self, direction: Any) -> list[np.ndarray]:
-        """The other way, contiguous."""
+    def taken_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:
+        """The other way, contiguous; ValueError about `name` for what does not fit."""
         raise NotImplementedError
 
     def whole_gradient(self) -> Vector:
@@ -63,9 +63,9 @@ class LeafVectors:
             start += len(g)
         return whole
 
-    def row_of(self, direction: Any) -> Vector:
+    def row_of(self, direction: Any, name: str = "direction.value") -> Vector:
         """d as one array of float64."""
-        return np.concatenate(self.taken_apart(direction), dtype=np.float64)
+        return np.concatenate(self.taken_apart(direction, name), dtype=np.float64)
 
     def from_row(self, row: Vector) -> Any:
         """d of the caller's kind, rounded to its leaves' dtypes."""
@@ -200,6 +200,6 @@ class ArrayVectors(LeafVectors):
         """It is d."""
         return parts[0]
 
-    def taken_apart(self, direction: Any) -> list[np.ndarray]:
-        """Contiguous."""
+    def taken_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:  # noqa: ARG002
+        """Of one leaf."""
         return [np.ascontiguousarray(direction)]

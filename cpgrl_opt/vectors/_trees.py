@@ -38,7 +38,7 @@ class TreeVectors(LeafVectors):
         if _is_stacked(self.gradient, self.jacobian):
             rows: list[Any] = [
                 _stacked(name, leaf, part)
-                for (name, leaf), part in zip(_walk(self.jacobian, "jacobian"), parts, strict=True)
+                for (name, leaf), part in zip(_walk(self.jacobian, "jacobian", self.gradient), parts, strict=True)
             ]
         elif not isinstance(self.jacobian, list | tuple):
             raise ValueError(
@@ -53,7 +53,7 @@ class TreeVectors(LeafVectors):
     def _row(self, index: int) -> list[np.ndarray]:
         name, row = f"jacobian[{index}]", self.jacobian[index]
         _require_structure(name, row, self.gradient)
-        pairs = zip(_walk(row, name), _walk(self.gradient, "gradient"), strict=True)
+        pairs = zip(_walk(row, name, self.gradient), _walk(self.gradient, "gradient"), strict=True)
         return [_flat(own, leaf, np.shape(_array(like))) for (own, leaf), (_, like) in pairs]
 
     def rows(self) -> list[Any]:
@@ -67,15 +67,15 @@ class TreeVectors(LeafVectors):
         left = iter(parts)
         return _mapped(lambda leaf: _back(next(left), leaf), self.gradient)
 
-    def taken_apart(self, direction: Any) -> list[np.ndarray]:
+    def taken_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:
         """Flat; ValueError for another structure or other shapes than g's. All in one array is all right too."""
         if type(direction) is np.ndarray and direction.ndim == 1 and direction.dtype == np.float64:
             if len(direction) != self.shape[1]:
-                raise ValueError(f"direction.value should have shape {(self.shape[1],)}; found {direction.shape}")
+                raise ValueError(f"{name} should have shape {(self.shape[1],)}; found {direction.shape}")
             return np.split(direction, np.cumsum([len(g) for g, _ in self.leaves])[:-1])
-        _require_structure("direction.value", direction, self.gradient)
-        pairs = zip(_walk(direction, "direction.value"), _walk(self.gradient, "gradient"), strict=True)
-        flat = (_flat(name, leaf, np.shape(_array(like))) for (name, leaf), (_, like) in pairs)
+        _require_structure(name, direction, self.gradient)
+        pairs = zip(_walk(direction, name, self.gradient), _walk(self.gradient, "gradient"), strict=True)
+        flat = (_flat(own, leaf, np.shape(_array(like))) for (own, leaf), (_, like) in pairs)
         return [np.ascontiguousarray(part) for part in flat]
 
 
@@ -122,14 +122,12 @@ def _is_jax(value: Any) -> bool:
     return jax is not None and isinstance(value, jax.Array)
 
 
-def _walk(tree: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """(name, leaf), in the order of the keys."""
-    if isinstance(tree, dict):
-        for key, part in tree.items():
-            yield from _walk(part, f"{name}[{key!r}]")
-    elif isinstance(tree, list | tuple):
-        for index, part in enumerate(tree):
-            yield from _walk(part, f"{name}[{index}]")
+def _walk(tree: Any, name: str, like: Any = None) -> Iterator[tuple[str, Any]]:
+    """(name, leaf), in the order of the keys of `like`, a tree of the same structure; None: of its own."""
+    like = tree if like is None else like
+    if isinstance(like, list | tuple | dict):
+        for key in like if isinstance(like, dict) else range(len(like)):
+            yield from _walk(tree[key], f"{name}[{key!r}]", like[key])
     else:
         yield name, tree
 
@@ -155,7 +153,7 @@ def _structure(tree: Any) -> Any:
 
 def _require_structure(name: str, tree: Any, like: Any) -> None:
     found, wanted = _structure(tree), _structure(like)
-    if found != wanted or (isinstance(found, dict) and list(found) != list(wanted)):
+    if found != wanted:
         raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {found}")
 
 
@@ -163,7 +161,7 @@ def _is_stacked(gradient: Any, jacobian: Any) -> bool:
     """Whether J is one tree whose leaves have the constraints as their first axis."""
     if _structure(jacobian) != _structure(gradient):
         return False
-    pairs = zip(_walk(jacobian, ""), _walk(gradient, ""), strict=True)
+    pairs = zip(_walk(jacobian, "", gradient), _walk(gradient, ""), strict=True)
     return all(np.ndim(_array(rows)) == np.ndim(_array(leaf)) + 1 for (_, rows), (_, leaf) in pairs)
 
 

@@ -229,3 +229,40 @@ def test_a_step_whose_metric_is_not_reached_is_skipped_or_raises() -> None:
     np.testing.assert_array_equal(result.change, np.zeros(40))
     with pytest.raises(DirectionError, match="metric_iterations"):
         ConstrainedStep(metric=Products(M), metric_iterations=3, on_failure="raise")(linearization, [0.0])
+
+
+def test_what_leaves_float64_is_certified_by_nobody() -> None:
+    """The square of a row of 1e-170 is no number any more."""
+    problem = DirectionProblem([1.0, 0.0], [[1e-170, 0.0]], -1.0, metric=Products(np.eye(2)))
+    wrong = Direction(np.array([0.0, 0.0]), np.array([-1e170]), Status.OPTIMAL)
+    assert kkt_residuals(problem, wrong).worst == np.inf
+    assert ACTIVE_SET.solve(problem).status == Status.NUMERICAL_ERROR
+    assert farkas_residual(problem, np.ones(1)) == np.inf
+
+
+def test_problems_of_a_batch_may_have_coordinates_of_their_own() -> None:
+    M, g = Products(np.diag([1.0, 4.0])), np.ones((2, 2))
+    batch = ProblemBatch(g, [[[1.0, 0.0], [0.0, 1.0]]] * 2, [[0.0, 0.0], [-np.inf, 0.5]], metric=M)
+    for answer, problem in zip(ACTIVE_SET.solve_batch(batch), batch, strict=True):  # type: ignore[attr-defined]
+        np.testing.assert_array_equal(answer.value, ACTIVE_SET.solve(problem).value)
+
+
+def test_no_more_products_than_allowed() -> None:
+    rng = np.random.default_rng(9)
+    for iterations in (1, 10, 30):
+        products = Products(np.diag(10.0 ** np.linspace(-4, 4, 60)))
+        metric = OperatorMetric(products, 60, iterations=iterations)
+        before = products.asked
+        metric.solve(rng.standard_normal(60))
+        assert products.asked - before <= iterations + 3  # one more says what is left
+
+
+def test_a_skipped_step_may_be_handed_back_as_the_previous_one() -> None:
+    linearization = Linearization([0.0, -1.0], np.random.default_rng(7).standard_normal((2, 40)))
+    for formulation in ("equality", "linearized"):
+        M = Products(np.diag(10.0 ** np.linspace(-3, 3, 40)))
+        step = ConstrainedStep(formulation=formulation, metric=M, metric_iterations=3)
+        active = step(linearization, [0.0]).active
+        assert active.dtype == np.bool_
+        assert active.all() == (formulation == "equality")
+        step(linearization, [0.0], previous=active)

@@ -1,5 +1,6 @@
 """Trees of arrays, float32, tensors: the directions and steps of one array of float64, in the form in which g came."""
 
+import copy
 import pickle
 from collections import namedtuple
 from collections.abc import Callable
@@ -267,3 +268,54 @@ def test_lists_of_rows_and_of_runs_are_no_trees() -> None:
     assert type(DirectionProblem([1.0, 2.0], [rows[0]]).gradient) is np.ndarray
     for plain in (Linearization([0.0, -1.0], rows), Linearization([0.0, -1.0], [[1.0, 2.0], [1.0, 0.0]])):
         assert type(ConstrainedStep()(plain, [0.0]).change) is np.ndarray
+
+
+def test_leaves_belong_together_by_their_keys_and_not_by_their_order() -> None:
+    g = {"x": {"a": np.array([1.0, 2.0]), "b": np.array([3.0, 4.0])}}
+    rows = {"x": {"a": np.array([[1.0, 0.0]]), "b": np.array([[0.0, 0.0]])}}
+    turned = {"x": {"b": rows["x"]["b"], "a": rows["x"]["a"]}}
+    listed = [{"x": {"b": np.zeros(2), "a": np.array([1.0, 0.0])}}]
+    for jacobian in (rows, turned, listed):
+        problem = DirectionProblem(g, jacobian, 5.0)
+        np.testing.assert_array_equal(problem.jacobian, [[1.0, 0.0, 0.0, 0.0]])
+        answer = ACTIVE_SET.solve(problem)
+        np.testing.assert_array_equal(answer.value["x"]["a"], [5.0, 2.0])
+        back = {"x": {"b": answer.value["x"]["b"], "a": answer.value["x"]["a"]}}
+        assert kkt_residuals(problem, Direction(back, answer.multipliers, Status.OPTIMAL)).worst == 0.0
+    change = ConstrainedStep()(Linearization([0.0, -1.0], [g, turned["x"] and listed[0]]), [0.0]).change
+    assert list(change["x"]) == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", ["active-set", "nnls"])
+def test_in_a_metric_and_a_ball_too_it_is_certified_before_it_is_rounded(name: str) -> None:
+    rng = np.random.default_rng(8)
+    root = rng.standard_normal((6, 6))
+    for metric in (root @ root.T + np.eye(6), rng.uniform(0.5, 2.0, 6), None):
+        for radius in (None, 0.3):
+            for bound in (0.1, 3.0):
+                g, J = single(rng.standard_normal(6)), single(rng.standard_normal((2, 6)))
+                whole = DirectionProblem(g.astype(float), J.astype(float), bound, metric=metric, radius=radius)
+                answer = SOLVERS[name].solve(DirectionProblem(g, J, bound, metric=metric, radius=radius))
+                expected = SOLVERS[name].solve(whole)
+                assert answer.status == expected.status
+                assert answer.value.dtype == np.float32
+                np.testing.assert_allclose(answer.value, expected.value, rtol=1e-6, atol=1e-6)
+
+
+def test_copies_are_of_the_same_form() -> None:
+    problem = of_kind(as_dict, {**draw(0, SHORT), "metric": as_dict(np.ones(SHORT))})
+    by_product = of_kind(as_dict, {**draw(0, SHORT), "metric": lambda v: v})
+    for again in (copy.copy(problem), copy.deepcopy(problem), copy.copy(by_product), copy.deepcopy(by_product)):
+        answer = ACTIVE_SET.solve(again)
+        assert answer.status == Status.OPTIMAL
+        assert same_form(answer.value, problem.vectors.gradient)  # type: ignore[attr-defined]
+
+
+def test_a_metric_of_another_form_is_refused_as_such() -> None:
+    with pytest.raises(ValueError, match="metric should have the structure of gradient"):
+        DirectionProblem(ONE, [ONE], metric={"b": np.ones(2)})
+    by_tree, by_row = (
+        ConstrainedStep(metric=M)(Linearization([0.0, -1.0], [ONE, ONE]), [0.0]).change
+        for M in ({"a": np.array([1.0, 2.0])}, np.array([1.0, 2.0]))
+    )
+    np.testing.assert_array_equal(by_tree["a"], by_row["a"])
