@@ -290,7 +290,7 @@ def test_a_process_of_its_own_finds_the_current_folder_and_keeps_noise_from_stdo
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert [line for line in lines if "Optimal solution" in line and "should print nothing" not in line] == []
-    assert lines[-1].endswith(", 2 unsupported, 1 FAILED.")
+    assert lines[-1].endswith(", 3 unsupported, 1 FAILED.")
 
 
 @pytest.mark.parametrize(
