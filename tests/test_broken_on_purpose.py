@@ -51,8 +51,8 @@ MUTATIONS = {
     ),
     "the referee has the multipliers' sign of eq. 7": Mutation(
         "cpgrl_opt/_evidence.py",
-        "kappa * x - g - mu @ J",
-        "kappa * x - g + mu @ J",
+        "kappa * d - g - mu @ J",
+        "kappa * d - g + mu @ J",
         "cpgrl_opt/test_certify.py",
     ),
     "the trace forgets": Mutation(
