@@ -12,9 +12,8 @@ from typing import ClassVar
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .base import Solver
-from .exact_core import climb, project, project_batch
+from .exact_core import climb, project, project_batch, solve_small_exactly
 from .small_problem import SmallAnswer, SmallProblem
-from .trust_region import solve_small_exactly
 
 
 @dataclass(frozen=True, kw_only=True)

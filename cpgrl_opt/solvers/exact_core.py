@@ -13,9 +13,11 @@ from ..problem import DirectionProblem, ProblemBatch
 from .compiled._direct import OPEN, project_directly
 from .compiled._projection import project_stacked
 from .compiled._trust_region import climb_directly
+from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .thorough import solve_thoroughly
 
 _OPTIMAL = Status.OPTIMAL
+_EXACT = 1e-12  # worst residual of a small answer
 
 
 def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction:
@@ -80,6 +82,11 @@ def climb(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) ->
     residuals, kappa = report[2:6].T.copy(), np.where(status, 0.0, report[6])
     residuals[status != 0] = np.nan
     return DirectionBatch(value, multipliers, status, report[1].astype(int), kappa, residuals, np.full(count, "rows"))
+
+
+def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:
+    """The exact core as any other."""
+    return as_small(project(as_problem(small), _EXACT, tangent=tangent))
 
 
 def compile_kernels(*, thorough: bool = True) -> None:

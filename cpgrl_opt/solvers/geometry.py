@@ -20,9 +20,9 @@ from ..flat_span import SpanFlat
 from ..problem import DirectionProblem, ProblemBatch, needs_the_metric_itself
 from .infeasibility import infeasible_direction
 from .interface import unsupported
-from .small_problem import SmallAnswer, SmallProblem
+from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .span import solve_in_span
-from .trust_region import as_problem, as_small, solve_in_ball
+from .trust_region import solve_in_ball
 
 _ARRAYS = ("gradient", "jacobian", "bound", "equality")
 

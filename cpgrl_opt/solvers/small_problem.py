@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bool, Float, Mask, Multipliers
-from ..direction import Status
+from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..scaling import UnitRows, demand, lengths, unit_rows
 from .factorization import pivoted_qr
@@ -75,6 +75,20 @@ class SmallAnswer:
 
 
 Core = Callable[[SmallProblem], SmallAnswer]
+
+
+def as_problem(small: SmallProblem) -> DirectionProblem:
+    """The small problem as any other."""
+    rows, bound = np.ascontiguousarray(small.rows), np.ascontiguousarray(small.bound)
+    return DirectionProblem.trusted(np.ascontiguousarray(small.center), rows, bound, small.equality)
+
+
+def as_small(answer: Direction) -> SmallAnswer:
+    """What a solver says of a small problem, as a core says it."""
+    failure = None if answer.status == Status.OPTIMAL else answer.status
+    if failure in (Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.UNSUPPORTED):
+        return SmallAnswer(None, None, answer.iterations, failure)
+    return SmallAnswer(answer.value, answer.multipliers, answer.iterations, failure)
 
 
 @dataclass(frozen=True, eq=False)

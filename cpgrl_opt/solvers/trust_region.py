@@ -32,7 +32,7 @@ from .exact_core import project
 from .factorization import pivoted_qr, solve_upper
 from .infeasibility import VIOLATION_TOLERANCE, least_violation
 from .polishing import nonnegative_weights, off_span
-from .small_problem import NEGLIGIBLE_BOUND, Core, SmallAnswer, SmallProblem, reduce_problem
+from .small_problem import NEGLIGIBLE_BOUND, Core, SmallAnswer, SmallProblem, as_problem, reduce_problem
 
 _EPS = float(np.finfo(np.float64).eps)
 # An error that ends the search; and one that nothing mends.
@@ -91,20 +91,6 @@ def _solve(core: Core, ball: "_Ball") -> BallAnswer:
     if lifted.error > _SHARP:
         lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
     return replace(lifted, status=found.status, iterations=found.iterations)
-
-
-def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:
-    """The exact core as any other."""
-    return as_small(project(as_problem(small), _EXACT, tangent=tangent))
-
-
-def as_small(answer: Direction) -> SmallAnswer:
-    """What a solver says of a small problem, as a core says it."""
-    if answer.status == Status.OPTIMAL:
-        return SmallAnswer(answer.value, answer.multipliers, answer.iterations)
-    if answer.status in (Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.UNSUPPORTED):
-        return SmallAnswer(None, None, answer.iterations, answer.status)
-    return SmallAnswer(answer.value, answer.multipliers, answer.iterations, answer.status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,12 +257,6 @@ def _error(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> flo
 
 def _slack(small: SmallProblem, x: Vector) -> Multipliers:
     return np.asarray(small.rows @ x - small.bound)
-
-
-def as_problem(small: SmallProblem) -> DirectionProblem:
-    """The small problem as any other."""
-    rows, bound = np.ascontiguousarray(small.rows), np.ascontiguousarray(small.bound)
-    return DirectionProblem.trusted(np.ascontiguousarray(small.center), rows, bound, small.equality)
 
 
 def _shortest(small: SmallProblem) -> BallAnswer:

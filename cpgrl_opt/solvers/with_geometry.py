@@ -10,8 +10,7 @@ from .base import Solver
 from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
 from .interface import DirectionSolver, solve_stacked, unsupported
-from .small_problem import SmallAnswer, SmallProblem
-from .trust_region import as_problem, as_small
+from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 
 
 @dataclass(frozen=True)
