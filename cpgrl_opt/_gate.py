@@ -96,11 +96,14 @@ def view_vectors(gradient: Any, jacobian: Any) -> LeafVectors | None:
 
 
 def metric_of_rows(vectors: LeafVectors, metric: Any) -> Any:
-    """A metric of the caller's kind as one of arrays of float64: a tree of positive numbers, or a function of trees."""
+    """A metric of the caller's kind as one of arrays of float64: a tree of positive numbers, or a function of trees.
+
+    The function is handed v in float64, since M⁻¹ is sought to 1e-12.
+    """
     if metric is None or not isinstance(vectors, TreeVectors):
         return metric
     if callable(metric):
-        return lambda row: vectors.row_of(metric(vectors.from_row(row)), "what metric returns")
+        return lambda row: vectors.row_of(metric(vectors.unrounded(row)), "what metric returns")
     is_matrix = hasattr(metric, "ndim") and metric.ndim == 2 and vectors.shape[1] == len(metric)
     return metric if is_matrix else vectors.row_of(metric, "metric")
 

@@ -211,7 +211,8 @@ def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | N
     missed = largest(demand(-slack, seen.problem.equality))
     negative = float(-mu.min(initial=0.0, where=inequality))
     least = float(np.abs(np.minimum(mu, slack)).max(initial=0.0, where=inequality))
-    return KKTResiduals(stationarity, max(missed, -room), max(negative, -pull), max(least, abs(min(pull, room))))
+    primal, dual = max(0.0, missed, -room), max(0.0, negative, -pull)
+    return KKTResiduals(stationarity, primal, dual, max(least, abs(min(pull, room))))
 
 
 def _forgive_rounding(seen: Evidence, mu: Multipliers, pull: float, force: float, doubtful: float) -> float:

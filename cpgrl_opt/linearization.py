@@ -87,7 +87,10 @@ class Linearization:
     def as_given(self, change: Any) -> Any:
         """A change (n,) of float64 in the form of the gradients."""
         is_row = self.is_tree and isinstance(change, np.ndarray) and change.dtype == np.float64
-        return self.vectors[0].from_row(change) if is_row else change
+        given = self.vectors[0].from_row(change) if is_row else change
+        if self.is_tree and not is_finite(self.vectors[0].row_of(given)):
+            raise FloatingPointError("the change of θ should be finite in the gradients' dtypes; found infinities")
+        return given
 
     @cached_property
     def vectors(self) -> tuple[LeafVectors, ...]:

@@ -9,7 +9,7 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, overload
 
@@ -17,11 +17,13 @@ import numpy as np
 
 from ._gate import check_arrays, check_bounds, check_radii, metric_of_rows, view_vectors
 from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
+from .direction import Direction, Status
 from .metric import Whitening, validated_metric
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import (
     ReadOnlyArrays,
     freeze,
+    is_finite,
     read_only,
     real_values,
     require_finite,
@@ -34,14 +36,18 @@ from .vectors import ArrayVectors, LeafVectors, TreeVectors, is_long
 class DirectionProblem:
     """min ½dᵀMd − gᵀd, or max gᵀd in a ball, s.t. Jᵢd ≥ bᵢ, with equality where `equality` says so.
 
+    g may be a tree (list, tuple, dict, nested) of arrays too, a PyTorch tensor on the CPU, a JAX array, or of float32;
+    J then is one such tree with the constraints as first axis of every leaf, or a list of them, one a row. They are
+    looked at where they lie, and the direction comes back in g's form.
+
     gradient g: (n,), ascent gradient of the objective; jacobian J: (m, n), constraint gradients as rows;
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
     for all; metric M: (n,) a positive diagonal or (n, n) symmetric positive definite, a function v ↦ Mv or a
     LinearOperator of SciPy, None for the identity; radius: > 0, in the unit of √(dᵀMd), or None. metric_tolerance,
     metric_iterations: ‖Mx − v‖/‖v‖ of x = M⁻¹v by conjugate gradients, where M is a function, and the most products for
-    one x; a solver to which this is not enough says UNCERTIFIED. Arrays are copied and made read-only; but long g and
-    J, with n (1 + m) max(10, 1 + m) ≥ 10⁶, are looked at where they lie, J as one array or a list of its rows: leave
-    them alone as long as the problem is in use.
+    one x; a solver to which this is not enough says UNCERTIFIED. Arrays are copied and made read-only; but trees, and
+    long g and J, with n (1 + m) max(10, 1 + m) ≥ 10⁶, are looked at where they lie, J as one array or a list of its
+    rows: leave them alone as long as the problem is in use.
     Raises ValueError for NaN, infinities (but −inf in an inequality's bound), wrong shapes, no numbers, masked entries.
     """
 
@@ -125,8 +131,12 @@ class DirectionProblem:
         return real_values("direction.value", direction)
 
     def as_given(self, row: Vector) -> Any:
-        """d in the form of g, rounded to its dtypes."""
+        """d in the form of g, rounded to its dtypes; infinite where it leaves them."""
         return self.vectors.from_row(row) if self.is_tree else row
+
+    def is_representable(self, direction: Any) -> bool:
+        """Whether d in the form of g is finite: float32 ends at 3e38."""
+        return not self.is_tree or all(map(is_finite, self.vectors.taken_apart(direction)))
 
     def __copy__(self) -> "DirectionProblem":
         made, arguments = self.__reduce__()
@@ -181,6 +191,17 @@ class DirectionProblem:
     def m(self) -> int:
         """Number of constraints."""
         return len(self.bound)
+
+
+def nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
+    """Zeros in the form of g that claim nothing."""
+    return Direction(problem.as_given(np.zeros(problem.n)), np.zeros(problem.m), status, iterations)
+
+
+def in_form(problem: DirectionProblem, found: Direction) -> Direction:
+    """An answer in one array of float64 in the form of g; NUMERICAL_ERROR where d leaves the dtypes of g's leaves."""
+    value = problem.as_given(problem.row_of(found.value))
+    return replace(found, value=value) if problem.is_representable(value) else nothing(problem, Status.NUMERICAL_ERROR)
 
 
 def needs_the_metric_itself(problem: DirectionProblem) -> bool:

@@ -5,14 +5,11 @@ A new solver is a frozen dataclass of settings with a core, `solve_small(small) 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
-
-import numpy as np
 
 from ..certify import certify
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch
+from ..problem import DirectionProblem, ProblemBatch, in_form
 from .active_set import ActiveSet
 from .asking import ask, vouch_for
 from .enumeration import Enumeration
@@ -90,8 +87,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
         return unsupported(problem)
     asked = ask(solver, problem)
     answer = certify(problem, asked, tolerance_of(solver), infeasible_direction)
-    is_row = problem.is_tree and type(asked.value) is np.ndarray
-    return replace(answer, value=problem.as_given(asked.value)) if is_row else answer
+    return in_form(problem, answer) if problem.is_tree else answer
 
 
 def solve_batch(

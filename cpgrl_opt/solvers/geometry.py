@@ -17,13 +17,15 @@ from ..certify import certify
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
 from ..flat_span import SpanFlat
-from ..problem import DirectionProblem, ProblemBatch, needs_the_metric_itself
+from ..problem import DirectionProblem, ProblemBatch, in_form, needs_the_metric_itself, nothing
 from .infeasibility import infeasible_direction
 from .interface import unsupported
 from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .span import solve_in_span
-from .trust_region import solve_in_ball
+from .trust_region import sharpen, solve_in_ball
 
+# A residual that a look at the rows as given would hardly mend.
+_SHARP = 1e-12
 _ARRAYS = ("gradient", "jacobian", "bound", "equality")
 
 
@@ -75,19 +77,34 @@ def _solve_whole(solver: Around, problem: DirectionProblem) -> Direction:
         return quick
     flat = flatten(problem)
     if flat.failure is not None:
-        return _nothing(problem, flat.failure)
+        return nothing(problem, flat.failure)
     if problem.radius is None:
         answer = (solver.solve if flat.problem.is_long else solver.solve_rows)(flat.problem)
         return _bring_back(problem, flat, answer, solver.tolerance)
     quick = None
     if problem.metric is not None:
         quick = solve_in_geometry(solver, flat.problem) if flat.problem.is_long else _climb(solver, flat.problem)
-    found = _bring_back(problem, flat, quick or solve_in_ball(solver.solve_small, flat.problem), solver.tolerance)
+    found = _try(solver, problem, flat, quick or solve_in_ball(solver.solve_small, flat.problem))
     if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR):
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
     again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat.problem)
-    return _bring_back(problem, flat, again, solver.tolerance)
+    return _try(solver, problem, flat, again)
+
+
+def _try(solver: Around, problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction) -> Direction:
+    """What is found in the ball, and, where that is not sharp, what its face says by the rows as given."""
+    found = _bring_back(problem, flat, answer, solver.tolerance)
+    is_sharp = found.residuals is not None and found.residuals.worst <= _SHARP
+    if is_sharp or isinstance(flat, SpanFlat) or found.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
+        return found
+    sharper = sharpen(flat.problem, answer)
+    if sharper is None:
+        return found
+    again = _bring_back(problem, flat, replace(sharper, status=Status.OPTIMAL), solver.tolerance)
+    if again.residuals is None or (found.residuals is not None and found.residuals.worst <= again.residuals.worst):
+        return found
+    return again
 
 
 def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> DirectionBatch:
@@ -134,15 +151,10 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
     if status == Status.UNSUPPORTED:
         return unsupported(problem)
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
-        return _nothing(problem, Status.NUMERICAL_ERROR, iterations)
+        return nothing(problem, Status.NUMERICAL_ERROR, iterations)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
     if answer.residuals is not None and not needs_the_metric_itself(problem):
         found = replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     else:
         found = certify(problem, found, tolerance, infeasible_direction)
-    return replace(found, value=problem.as_given(value)) if problem.is_tree else found
-
-
-def _nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
-    """Zeros in the form of g."""
-    return Direction(problem.as_given(np.zeros(problem.n)), np.zeros(problem.m), status, iterations)
+    return in_form(problem, found) if problem.is_tree else found

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..certify import certify
 from ..direction import Direction, DirectionBatch, Status
-from ..problem import DirectionProblem, ProblemBatch
+from ..problem import DirectionProblem, ProblemBatch, nothing
 from ..validation import require_count
 from .asking import ask, ask_batch
 from .facts import facts_of
@@ -124,4 +124,4 @@ def no_answers(problems: ProblemBatch | Sequence[DirectionProblem]) -> Direction
 
 def unsupported(problem: DirectionProblem) -> Direction:
     """Zeros that claim nothing."""
-    return Direction(problem.as_given(np.zeros(problem.n)), np.zeros(problem.m), Status.UNSUPPORTED)
+    return nothing(problem, Status.UNSUPPORTED)

@@ -12,7 +12,7 @@ from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, without_geometry
+from ..problem import DirectionProblem, in_form, without_geometry
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
 from ..vectors import is_long
@@ -29,15 +29,13 @@ def solve_in_span(
     solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
     then the usual problem needs no coordinates.
     """
-    if (
-        is_exact
-        and "gramian" in RUNGS
-        and is_long(*problem.vectors.shape)
-        and (usual := solve_by_gramian(problem, tolerance)) is not None
-    ):
-        return usual
     vectors, on = problem.vectors, problem.bound > -inf
-    for rung in RUNGS if is_long(*vectors.shape) else ():  # a short tree is a short problem
+    rungs = () if problem.is_tree and not is_long(*vectors.shape) else RUNGS  # a short tree is a short problem
+    if is_exact and "gramian" in rungs:
+        usual = solve_by_gramian(problem, tolerance)
+        if usual is not None and problem.is_representable(usual.value):
+            return usual
+    for rung in rungs:
         small = coordinates(vectors, on, rung)
         if small is None:
             continue
@@ -50,6 +48,8 @@ def solve_in_span(
                 value, certificate = vectors.combine(weights, multipliers, kappa)
                 residuals = certified_residuals(certificate, problem, multipliers, small.lengths, kappa)
                 worst = residuals.worst
+                if not problem.is_representable(value):
+                    continue
                 if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
                     return replace(found, value=value, multipliers=multipliers, rung=rung, residuals=residuals)
         elif found.status in _SETTLED:
@@ -59,8 +59,7 @@ def solve_in_span(
                 return replace(found, value=value, rung=rung)
     rows = without_geometry(problem)
     whole = DirectionProblem.trusted(rows.gradient, rows.jacobian, rows.bound, rows.equality, problem.radius)
-    found = solve(whole)
-    return replace(found, value=problem.as_given(found.value), rung="rows")
+    return in_form(problem, replace(solve(whole), rung="rows"))
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:

@@ -79,6 +79,36 @@ def solve_in_ball(core: Core, problem: DirectionProblem) -> Direction:
     return ball.outside(_solve(core, ball))
 
 
+def sharpen(problem: DirectionProblem, found: Direction) -> Direction | None:
+    """The answer on the face that `found` names, by the exact core on the rows as given; None where it finds none.
+
+    Unit rows are rounded, which tilts rows at an angle θ by eps/θ, and d with them.
+    """
+    held = problem.equality | (found.multipliers != 0.0)
+    on = np.where(held, problem.bound, -np.inf)
+    if (held & (on == -np.inf)).any():
+        return None
+    g, radius = problem.gradient, float(problem.radius or 0.0)
+    shortest = project(
+        DirectionProblem.trusted(np.zeros_like(g), problem.jacobian, on, held), _NEARLY_TIGHT, tangent=True
+    )
+    along = project(
+        DirectionProblem.trusted(g, problem.jacobian, np.where(held, 0.0, -np.inf), held), _NEARLY_TIGHT, tangent=True
+    )
+    q, p = norm(shortest.value), norm(along.value)
+    if not (shortest.status == along.status == Status.OPTIMAL and q < radius and p > 0.0):
+        return None
+    kappa = p / (math.sqrt(1.0 - (q / radius) ** 2) * radius)
+    multipliers = kappa * shortest.multipliers + along.multipliers
+    return replace(
+        found,
+        value=shortest.value + along.value / kappa,
+        multipliers=multipliers,
+        radius_multiplier=kappa,
+        residuals=None,
+    )
+
+
 def _solve(core: Core, ball: "_Ball") -> BallAnswer:
     """In coordinates, and once more on the rows: unit rows are rounded in coordinates."""
     reduced, basis = reduce_problem(ball.small)
@@ -293,9 +323,8 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
 def _relaxed(small: SmallProblem, point: Vector) -> SmallProblem:
     """C of the points that violate the rows as this one does: by just as much where it does."""
     reached = small.rows @ point
-    size = max(1.0, float(demand(small.bound, small.equality).max(initial=0.0)))
+    size = max(norm(point), float(demand(small.bound, small.equality).max(initial=0.0))) or 1.0
     equality = small.equality | (small.bound - reached > _ROUNDING * size)
     bound = np.where(equality, reached, np.minimum(small.bound, reached))
     # Where nothing but rounding is left of the bounds, rounding would be what the problem asks for.
-    size = max(1.0, float(np.abs(small.bound[equality]).max(initial=0.0)))
     return replace(small, bound=np.where(np.abs(bound) <= _ROUNDING * size, 0.0, bound), equality=equality)

@@ -71,7 +71,8 @@ class LeafVectors:
         """d of the caller's kind, rounded to its leaves' dtypes."""
         ends = np.cumsum([len(g) for g, _ in self.leaves])[:-1]
         pairs = zip(np.split(row, ends), self.leaves, strict=True)
-        return self.rebuilt([part.astype(g.dtype) for part, (g, _) in pairs])
+        with np.errstate(over="ignore"):
+            return self.rebuilt([part.astype(g.dtype) for part, (g, _) in pairs])
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -37,9 +37,13 @@ class TreeVectors(LeafVectors):
             raise ValueError("gradient should have at least one component; found none")
         if _is_stacked(self.gradient, self.jacobian):
             rows: list[Any] = [
-                _stacked(name, leaf, part)
-                for (name, leaf), part in zip(_walk(self.jacobian, "jacobian", self.gradient), parts, strict=True)
+                _stacked(name, leaf, _array(like))
+                for (name, leaf), like in zip(
+                    _walk(self.jacobian, "jacobian", self.gradient), names.values(), strict=True
+                )
             ]
+            if len(counts := {len(part) for part in rows}) > 1:
+                raise ValueError(f"jacobian should have one number of rows in all leaves; found {sorted(counts)}")
         elif not isinstance(self.jacobian, list | tuple):
             raise ValueError(
                 "jacobian should be a list of rows with the structure of gradient, or have it, with the constraints as "
@@ -66,6 +70,11 @@ class TreeVectors(LeafVectors):
         """In g's structure, shapes and kind."""
         left = iter(parts)
         return _mapped(lambda leaf: _back(next(left), leaf), self.gradient)
+
+    def unrounded(self, row: np.ndarray) -> Any:
+        """A vector in the form of g, of float64 whatever the leaves are."""
+        ends = np.cumsum([len(g) for g, _ in self.leaves])[:-1]
+        return self.rebuilt(np.split(row, ends))
 
     def taken_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:
         """Flat; ValueError for another structure or other shapes than g's. All in one array is all right too."""
@@ -181,21 +190,27 @@ def _tensor_dtypes() -> tuple[Any, ...]:
 
 def _flat(name: str, leaf: Any, shape: tuple[Any, ...] | None = None) -> np.ndarray:
     """One axis; a copy only where its numbers lie in another order than NumPy's."""
+    array = _require_floats(name, leaf)
+    if shape is not None and array.shape != shape:
+        raise ValueError(f"{name} should have shape {shape}; found {array.shape}")
+    return array.reshape(-1)
+
+
+def _stacked(name: str, leaf: Any, like: Any) -> np.ndarray:
+    """(m, k)."""
+    array = _require_floats(name, leaf)
+    if array.shape[1:] != like.shape:
+        raise ValueError(f"{name} should have shape (m, {', '.join(map(str, like.shape))}); found {array.shape}")
+    return array.reshape(len(array), like.size)
+
+
+def _require_floats(name: str, leaf: Any) -> np.ndarray:
     array = _array(leaf)
     if not isinstance(array, np.ndarray) or array.dtype not in DTYPES:
         raise ValueError(f"{name} should be an array of float64 or float32; found {_described(leaf)}")
     if np.ma.is_masked(array):
-        raise ValueError(f"{name} should have no masked entries; found some")
-    if shape is not None and array.shape != shape:
-        raise ValueError(f"{name} should have shape {shape}; found {array.shape}")
-    return np.asarray(array).reshape(-1)
-
-
-def _stacked(name: str, leaf: Any, part: np.ndarray) -> np.ndarray:
-    array = np.asarray(_array(leaf))
-    if array.dtype not in DTYPES or array[:1].size not in (0, len(part)):
-        raise ValueError(f"{name} should be float64 or float32 of {len(part)} numbers a row; found {_described(leaf)}")
-    return array.reshape(len(array), len(part))
+        raise ValueError(f"{name} should have no masked entries, whose values nobody vouches for; found some")
+    return np.asarray(array)
 
 
 def _described(leaf: Any) -> str:

@@ -85,3 +85,20 @@ def test_rows_that_oppose_each_other_but_for_rounding_contradict_each_other() ->
             answer = ACTIVE_SET.solve(problem)
             assert answer.status == Status.INFEASIBLE
             np.testing.assert_allclose(answer.value[0], 0.0, atol=1e-9)  # misses both alike
+
+
+@pytest.mark.parametrize("angle", [1e-6, 1e-8, 1e-9])
+@pytest.mark.parametrize("name", ["active-set", "nnls", "osqp", "clarabel"])
+def test_rows_that_nearly_oppose_each_other_are_as_exact_in_a_ball_as_without(name: str, angle: float) -> None:
+    if not is_installed(SOLVERS[name]):
+        pytest.skip(f"{name} is not installed")
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        A = rng.standard_normal((2, 6))
+        g, J = rng.standard_normal(6) - 3 * A[1], np.vstack([A[0], -A[0] + angle * A[1]])
+        answer = SOLVERS[name].solve(DirectionProblem(g, J, radius=0.5))
+        plain = ACTIVE_SET.solve(DirectionProblem(g, J)).value
+        assert answer.status == Status.OPTIMAL
+        assert answer.residuals is not None
+        assert answer.residuals.worst <= 1e-12
+        np.testing.assert_allclose(answer.value, 0.5 * plain / np.linalg.norm(plain), atol=1e-12)

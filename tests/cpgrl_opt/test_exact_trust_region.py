@@ -16,7 +16,6 @@ from cpgrl_opt.testing.law import varied
 
 JUDGED = [name for name in ("active-set", "nnls", "daqp", "clarabel") if is_usable(SOLVERS[name])]
 EACH = 4  # problems of a family; thousands by `python benchmarks/trust_regions.py`
-UNSOLVED = ("impossible-in-a-huge-ball",)  # faults A3: as infeasible as without a ball, and not said so
 DRAWN = [
     (family, number) for family in ("bounds", "mixed", "full-metric", "missing", "impossible") for number in range(5)
 ]
@@ -130,7 +129,7 @@ def drawn(benchmark: ModuleType, family: str) -> list[tuple[DirectionProblem, Tr
 def test_solvers_agree_with_the_exact_search(benchmark: ModuleType, name: str) -> None:
     solver, declined, asked = SOLVERS[name], [], 0
     error = benchmark.ERRORS * benchmark.EPS if name in benchmark.EXACT else solver.tolerance
-    for family in (each for each in benchmark.FAMILIES if each not in UNSOLVED):
+    for family in benchmark.FAMILIES:
         for problem, exact in drawn(benchmark, family):
             if not supports(solver, problem):
                 continue

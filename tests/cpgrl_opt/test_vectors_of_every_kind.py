@@ -220,7 +220,7 @@ ONE = {"a": np.ones(2)}
         (ONE, {"b": np.ones((1, 2))}, "jacobian should be a list of rows with the structure of gradient, or have it"),
         (ONE, [{"a": np.ones(3)}], r"jacobian\[0\]\['a'\] should have shape \(2,\); found \(3,\)"),
         (ONE, [{"a": np.ones(2), "b": np.ones(1)}], r"jacobian\[0\] should have the structure of gradient"),
-        (ONE, {"a": np.ones((1, 3))}, r"jacobian\['a'\] should be float64 or float32 of 2 numbers a row"),
+        (ONE, {"a": np.ones((1, 3))}, r"jacobian\['a'\] should have shape \(m, 2\); found \(1, 3\)"),
         ({"a": np.ones(2, int)}, {"a": np.ones((1, 2))}, r"gradient\['a'\] should be an array of float64"),
         ({"a": [1.0, 2.0]}, {"a": np.ones((1, 2))}, "gradient"),
         ({"a": np.array([np.nan, 1.0])}, {"a": np.ones((1, 2))}, "gradient should be finite; found nan"),
@@ -319,3 +319,39 @@ def test_a_metric_of_another_form_is_refused_as_such() -> None:
         for M in ({"a": np.array([1.0, 2.0])}, np.array([1.0, 2.0]))
     )
     np.testing.assert_array_equal(by_tree["a"], by_row["a"])
+
+
+@pytest.mark.parametrize(
+    ("jacobian", "message"),
+    [
+        ([np.arange(6.0).reshape(1, 3, 2)], r"jacobian\[0\] should have shape \(m, 2, 3\); found \(1, 3, 2\)"),
+        ([np.ones((0, 2, 4))], r"jacobian\[0\] should have shape \(m, 2, 3\); found \(0, 2, 4\)"),
+        ([np.ma.array(np.ones((1, 2, 3)), mask=True)], "jacobian.* should have no masked entries"),
+    ],
+)
+def test_stacked_rows_have_the_shape_of_their_leaf(jacobian: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        DirectionProblem([np.ones((2, 3))], jacobian)
+
+
+def test_leaves_have_one_number_of_rows() -> None:
+    with pytest.raises(ValueError, match=r"jacobian should have one number of rows in all leaves; found \[2, 3\]"):
+        DirectionProblem({"a": np.ones(2), "b": np.ones(3)}, {"a": np.ones((2, 2)), "b": np.ones((3, 3))})
+
+
+@pytest.mark.parametrize("n", [2, LONG])
+def test_what_leaves_float32_is_no_answer(n: int) -> None:
+    g, J = np.full(n, 3e38, np.float32), np.zeros((3, n), np.float32)
+    J[:, 0], J[0, 1] = -1.0, 1.0
+    answer = ACTIVE_SET.solve(DirectionProblem(g, J, [1e39, -np.inf, -np.inf]))
+    assert answer.status == Status.NUMERICAL_ERROR
+    assert np.isfinite(answer.value).all()
+    with pytest.raises(FloatingPointError, match="the change of θ should be finite in the gradients' dtypes"):
+        ConstrainedStep(step_size=10)(Linearization([1.0], g[None]), [])
+
+
+def test_a_function_as_metric_of_float32_gets_float64() -> None:
+    M, g, J = np.array([[2.0, 0.3], [0.3, 1.7]]), single(np.array([2.0, 1.0])), single(np.array([[-1.0, 1.0]]))
+    answer = ACTIVE_SET.solve(DirectionProblem(g, J, metric=lambda v: M @ v))
+    assert answer.status == Status.OPTIMAL
+    np.testing.assert_allclose(answer.value, ACTIVE_SET.solve(DirectionProblem(g, J, metric=M)).value, rtol=1e-6)

@@ -47,7 +47,7 @@ def test_a_plain_solve_passes_four_functions() -> None:
     [
         ("active-set", {"radius": 0.5}, 15),
         ("active-set", {"metric": np.arange(1.0, 10.0)}, 25),
-        ("active-set", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 65),
+        ("active-set", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 70),
         ("quadprog", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 125),
     ],
 )
