@@ -1,8 +1,8 @@
 """Values and gradients of all reward channels at θ: what a gradient estimator hands to a step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -29,11 +29,15 @@ class Linearization:
 
     values: Float[np.ndarray, "*runs channels"]
     gradients: Float[np.ndarray, "*runs channels n"]
+    is_long: bool = field(init=False, repr=False)  # a step first reduces the gradients to their span
+    is_tree: ClassVar[bool] = False  # where True, the gradients, and a step's change, are no arrays of float64
 
     def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
         values = real_values("values", values)
-        tree = channels_of(gradients) if values.ndim == 1 else None  # a list may be one of runs else
+        tree = None
+        if type(gradients) is not np.ndarray or gradients.dtype != np.float64:
+            tree = channels_of(gradients) if values.ndim == 1 else None  # a list may be one of runs else
         if tree is not None:
             self._take_apart(values, tree)
             return
@@ -44,14 +48,15 @@ class Linearization:
         require_shape("values", values, gradients.shape[:-1])
         if values.shape[-1] == 0:
             raise ValueError("values should have at least the objective's channel; found none")
-        vars(self).update(values=values, gradients=gradients)
-        if not (self.is_long and all(vectors.are_finite() for vectors in self.vectors)):
+        long = is_long(gradients.shape[-2] - 1, gradients.shape[-1])
+        vars(self).update(values=values, gradients=gradients, is_long=long)
+        if not (long and all(vectors.are_finite() for vectors in self.vectors)):
             require_finite("gradients", gradients)
 
     def _take_apart(self, values: np.ndarray, tree: TreeVectors) -> None:
         require_finite("values", values)
         require_shape("values", values, (1 + tree.shape[0],))
-        vars(self).update(values=values, vectors=(tree,))
+        vars(self).update(values=values, vectors=(tree,), is_tree=True, is_long=is_long(*tree.shape))
         if not tree.are_finite():
             require_finite("gradients", self.gradients)
 
@@ -70,19 +75,6 @@ class Linearization:
         [tree, *_] = self.vectors if self.is_tree else (None,)
         given = self.gradients if tree is None else [tree.gradient, *tree.rows()]  # type: ignore[attr-defined]
         return Linearization, (self.values, given)
-
-    @property
-    def is_tree(self) -> bool:
-        """Whether the gradients, and a step's change, are no arrays of float64."""
-        return "vectors" in vars(self) and any(isinstance(each, TreeVectors) for each in vars(self)["vectors"])
-
-    @property
-    def is_long(self) -> bool:
-        """Whether a step first reduces the gradients to their span."""
-        if self.is_tree:
-            return is_long(*self.vectors[0].shape)
-        channels, n = self.gradients.shape[-2:]
-        return is_long(channels - 1, n)
 
     def as_given(self, change: Any) -> Any:
         """A change (n,) of float64 in the form of the gradients."""

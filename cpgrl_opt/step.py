@@ -85,6 +85,8 @@ class ConstrainedStep(StepSettings):
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
         active = self._active(slack, previous)
+        if self.metric is None and not linearization.is_tree and not linearization.is_long:
+            return self._on_rows(linearization.gradients, slack, active, observe)
         result = self._in_metric(linearization, slack, active, observe)
         return replace(result, change=linearization.as_given(result.change)) if linearization.is_tree else result
 
@@ -136,16 +138,19 @@ class ConstrainedStep(StepSettings):
         observe: Observer | None,
     ) -> StepResult:
         runs, (channels, n) = slack.shape[:-1], gradients.shape[-2:]
-        gradients = np.ascontiguousarray(gradients)
+        if not gradients.flags.c_contiguous:
+            gradients = np.ascontiguousarray(gradients)
         if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
             gradients = gradients.copy()
         if FORMULATIONS[self.formulation].takes_all:
             active = active.copy()  # `move` says in it which multipliers are positive
-        count, m = math.prod(runs), channels - 1
+        count, m, direct = math.prod(runs) if runs else 1, channels - 1, self._direct
         stacked = gradients.reshape(count, channels, n), slack.reshape(count, m), active.reshape(count, m)
-        if observe is None and self._direct is not None and count > 0:
+        if observe is None and direct is not None and count > 0:
             change, flat, proof = np.empty((count, n)), np.empty(count, np.int64), empty_proof(count, m)
-            if direct_step().move.run(*stacked, *self._direct, flat, change, *proof):
+            if direct_step().move.run(*stacked, *direct, flat, change, *proof):
+                if not runs:  # the usual one, with as little around it as there can be
+                    return usual_result(change[0], active, flat.reshape(()), proof[0][0], proof[1][0], proof[2][0])
                 shaped = (part.reshape(*runs, part.shape[1]) for part in proof)
                 return usual_result(change.reshape(*runs, n), active, flat.reshape(runs), *shaped)
         return StepRun(self, observe, count).step(*stacked).reshaped(runs)

@@ -64,7 +64,11 @@ def usual_result(
 ) -> StepResult:
     """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
     counts = {**dict.fromkeys(COUNTS, nothing(flat.shape)), "flat": flat}
-    return StepResult(change, active, np.zeros(flat.shape, np.bool_), counts, *proof)
+    result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
+    multipliers, residuals, predicted = proof or (None, None, None)
+    vars(result).update(change=change, active=active, stationary=np.zeros(flat.shape, np.bool_), counts=counts)
+    vars(result).update(multipliers=multipliers, residuals=residuals, predicted_slack=predicted)
+    return result
 
 
 def empty_proof(runs: int, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
