@@ -102,21 +102,33 @@ def _gather(where: Any, start: int, width: int, buffer: Any) -> None:
 
     Column by column, loops over five rows take twice as long to start as to run.
     """
+    singles, apart = False, False
     for i in range(where.shape[0]):
-        if where[i, 2] == _SINGLE and where[i, 1] == _SINGLE:
-            singles = _singles_at(where[i, 0] + start * _SINGLE, width)
-            for t in range(width):
-                buffer[i, t] = singles[t]
-    if (where[:, 1] != where[:, 2]).any():
+        singles = singles or where[i, 2] == _SINGLE
+        apart = apart or (where[i, 1] != _BYTES and where[i, 2] == _BYTES)
+    if singles:
+        _gather_singles(where, start, width, buffer)
+    if apart:
         for first in range(0, width, _COLUMNS):
             for i in range(where.shape[0]):
                 step, address = where[i, 1], where[i, 0] + start * where[i, 1]
-                if step != where[i, 2]:
+                if step != _BYTES and where[i, 2] == _BYTES:
                     for t in range(first, min(first + _COLUMNS, width)):
-                        if where[i, 2] == _BYTES:
-                            buffer[i, t] = _numbers_at(address + t * step, 1)[0]
-                        else:
-                            buffer[i, t] = _singles_at(address + t * step, 1)[0]
+                        buffer[i, t] = _numbers_at(address + t * step, 1)[0]
+
+
+@_plain
+def _gather_singles(where: Any, start: int, width: int, buffer: Any) -> None:
+    """The rows of float32."""
+    for i in range(where.shape[0]):
+        step, address = where[i, 1], where[i, 0] + start * where[i, 1]
+        if where[i, 2] == _SINGLE and step == _SINGLE:
+            numbers = _singles_at(address, width)
+            for t in range(width):
+                buffer[i, t] = numbers[t]
+        elif where[i, 2] == _SINGLE:
+            for t in range(width):
+                buffer[i, t] = _singles_at(address + t * step, 1)[0]
 
 
 @_plain
