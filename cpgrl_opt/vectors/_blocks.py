@@ -6,25 +6,26 @@
     measure              the measures of a d that is there already
 
 Vectors may come in leaves, `counts` numbers each. Row 0 of a leaf is g's part, row i that of Jᵢ; `where` holds the
-address of each, how many bytes lie from one of its numbers to the next, and how many one has. Numbers of float64 side
-by side are read where they are, others, of float32 too, are gathered a block at a time: all sums are of float64. Sums
-of a block may be reordered by the compiler, always in the same way, so that an answer repeats; sums in pairs may not.
-What is written to `places` is rounded to their dtype after it was measured.
+address of each, how many bytes lie from one of its numbers to the next, and how many one has: 8 of float64, 4 of
+float32, 2 of bfloat16. All leaves of a call are of one dtype, for which it is compiled. Numbers that lie side by side
+are read where they are, others are gathered a block at a time. All sums are of float64, in which products of shorter
+numbers are exact, and are added to what `out` and `sums` hold. Sums of a block may be reordered by the compiler, always
+in the same way, so that an answer repeats; sums in pairs may not. What is written to `places` is rounded to their dtype
+after it was measured.
 Source of the pairs: Dekker 1971; Ogita, Rump & Oishi 2005, Algorithms 3.1, 3.3, 5.3. Importing this imports numba; each
 pass is compiled, or loaded from the cache, when it is first called.
 """
 
-import ctypes
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, from_dtype, njit, types
 from numba.extending import intrinsic, overload
 
 from ..compensated import product_error, split, two_sum
 from ..machine_code import CompiledLate, forget_outdated_kernels
+from ._bfloat16 import narrow, widen
 
 _FILE = Path(__file__)
 forget_outdated_kernels(_FILE.parent, sources=[_FILE, _FILE.parents[1] / "compensated.py"])
@@ -36,7 +37,7 @@ _LANES = 256  # sums in pairs run side by side in so many lanes, so that the pro
 # the first-level cache, and 31 rows take four times as long.
 _APART = _BLOCK + 8
 _COLUMNS = 16
-_BYTES, _SINGLE = 8, 4  # of a number
+DTYPES = {8: np.dtype(np.float64), 4: np.dtype(np.float32), 2: np.dtype(np.uint16)}  # by bytes; of bfloat16 the bits
 _WHERE, _VECTOR = "Array(i8, 3, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
 _COUNTS, _PLACES = "Array(i8, 1, 'C', readonly=True)", "Array(i8, 2, 'C', readonly=True)"
 
@@ -51,49 +52,72 @@ def _plain(function: Any) -> Any:
     return njit(error_model="numpy")(function)
 
 
-_split, _product_error, _two_sum = map(njit(error_model="numpy", forceinline=True), (split, product_error, two_sum))
+_split, _product_error, _two_sum, _widen, _narrow = map(
+    njit(error_model="numpy", forceinline=True), (split, product_error, two_sum, widen, narrow)
+)
 
 
-def _entry(*signature: str) -> Any:
-    return partial(CompiledLate, f"void({', '.join(signature)})")
+class _Pass:
+    """A pass over the leaves of one dtype, compiled for it when it is first met; `like` is an empty array of it."""
+
+    def __init__(self, *signature: str) -> None:
+        self.signature = ", ".join(signature)
+
+    def __call__(self, function: Any) -> Any:
+        """Decorates."""
+        compiled = {
+            size: CompiledLate(f"void({from_dtype(dtype)}[::1], {self.signature})", function)
+            for size, dtype in DTYPES.items()
+        }
+        return lambda where, *arguments: (
+            (size := int(where[0, 0, 2])) and compiled[size](np.empty(0, DTYPES[size]), where, *arguments)
+        )
 
 
-def _numbers_at(address: int, count: int) -> Any:
-    """The numbers of float64 that lie side by side from an address on."""
-    return np.ctypeslib.as_array((ctypes.c_double * int(count)).from_address(int(address)))
+def _numbers_at(address: int, count: int, like: Any) -> Any:
+    """The numbers of a dtype that lie side by side from an address on."""
+    kind = np.ctypeslib.as_ctypes_type(like.dtype)
+    return np.ctypeslib.as_array((kind * int(count)).from_address(int(address)))
 
 
-def _singles_at(address: int, count: int) -> Any:
-    """The same of float32."""
-    return np.ctypeslib.as_array((ctypes.c_float * int(count)).from_address(int(address)))
+@intrinsic
+def _pointer(_context: Any, _address: Any, like: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(like.dtype)(types.int64, like), generate
 
 
-def _teach(function: Any, dtype: Any) -> None:
-    """What `function` does, for numba."""
+@overload(_numbers_at, strict=False)
+def _compiled_numbers_at(address: Any, count: Any, like: Any) -> Any:  # noqa: ARG001 - numba goes by the names
+    def numbers(address: Any, count: Any, like: Any) -> Any:
+        return carray(_pointer(address, like), count)
 
-    @intrinsic
-    def pointer(_context: Any, _address: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-        return types.CPointer(dtype)(types.int64), generate
-
-    @overload(function)
-    def compiled(address: Any, count: Any) -> Any:  # noqa: ARG001 - numba goes by the names
-        def numbers(address: Any, count: Any) -> Any:
-            return carray(pointer(address), count)
-
-        return numbers
+    return numbers
 
 
-_teach(_numbers_at, types.float64)
-_teach(_singles_at, types.float32)
+def _value(number: Any) -> Any:
+    """In float64."""
+    return np.float64(widen(number) if isinstance(number, np.uint16) else number)
 
 
-@_plain
-def _lies_ready(place: Any) -> bool:
-    """Whether its numbers can be read where they are."""
-    return bool(place[1] == _BYTES and place[2] == _BYTES)
+@overload(_value, strict=False, jit_options={"forceinline": True})
+def _compiled_value(number: Any) -> Any:
+    if number == types.uint16:
+        return lambda number: np.float64(_widen(number))
+    return lambda number: np.float64(number)
+
+
+def _rounded(number: Any, like: Any) -> Any:
+    """In the dtype."""
+    return narrow(number) if like.dtype == np.uint16 else number
+
+
+@overload(_rounded, strict=False, jit_options={"forceinline": True})
+def _compiled_rounded(number: Any, like: Any) -> Any:  # noqa: ARG001 - numba goes by the names
+    if like.dtype == types.uint16:
+        return lambda number, like: _narrow(number)  # noqa: ARG005
+    return lambda number, like: number  # noqa: ARG005
 
 
 @_plain
@@ -102,39 +126,24 @@ def _gather(where: Any, start: int, width: int, buffer: Any) -> None:
 
     Column by column, loops over five rows take twice as long to start as to run.
     """
-    singles, apart = False, False
+    apart = False
     for i in range(where.shape[0]):
-        singles = singles or where[i, 2] == _SINGLE
-        apart = apart or (where[i, 1] != _BYTES and where[i, 2] == _BYTES)
-    if singles:
-        _gather_singles(where, start, width, buffer)
+        apart = apart or where[i, 1] != buffer.itemsize
     if apart:
         for first in range(0, width, _COLUMNS):
             for i in range(where.shape[0]):
                 step, address = where[i, 1], where[i, 0] + start * where[i, 1]
-                if step != _BYTES and where[i, 2] == _BYTES:
+                if step != buffer.itemsize:
                     for t in range(first, min(first + _COLUMNS, width)):
-                        buffer[i, t] = _numbers_at(address + t * step, 1)[0]
-
-
-@_plain
-def _gather_singles(where: Any, start: int, width: int, buffer: Any) -> None:
-    """The rows of float32."""
-    for i in range(where.shape[0]):
-        step, address = where[i, 1], where[i, 0] + start * where[i, 1]
-        if where[i, 2] == _SINGLE and step == _SINGLE:
-            numbers = _singles_at(address, width)
-            for t in range(width):
-                buffer[i, t] = numbers[t]
-        elif where[i, 2] == _SINGLE:
-            for t in range(width):
-                buffer[i, t] = _singles_at(address + t * step, 1)[0]
+                        buffer[i, t] = _numbers_at(address + t * step, 1, buffer)[0]
 
 
 @_plain
 def _row(where: Any, i: int, start: int, width: int, buffer: Any) -> Any:
     """A block of row i, where it lies or as it was gathered."""
-    return _numbers_at(where[i, 0] + start * _BYTES, width) if _lies_ready(where[i]) else buffer[i, :width]
+    if where[i, 1] == buffer.itemsize:
+        return _numbers_at(where[i, 0] + start * buffer.itemsize, width, buffer)
+    return buffer[i, :width]
 
 
 @_reordered
@@ -142,7 +151,8 @@ def _nine_inner(a: Any, b: Any, c: Any, x: Any, y: Any, z: Any) -> Any:
     """a·x, a·y … c·z: each number loaded serves three products, and nine sums still fit the registers."""
     ax, ay, az, bx, by, bz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(a.shape[0]):
-        p, q, r, u, v, w = a[t], b[t], c[t], x[t], y[t], z[t]
+        p, q, r = _value(a[t]), _value(b[t]), _value(c[t])
+        u, v, w = _value(x[t]), _value(y[t]), _value(z[t])
         ax += p * u
         ay += p * v
         az += p * w
@@ -160,7 +170,7 @@ def _six_inner(a: Any, b: Any, c: Any) -> Any:
     """The lower triangle of three with each other."""
     aa, ba, bb, ca, cb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(a.shape[0]):
-        p, q, r = a[t], b[t], c[t]
+        p, q, r = _value(a[t]), _value(b[t]), _value(c[t])
         aa += p * p
         ba += q * p
         bb += q * q
@@ -174,9 +184,9 @@ def _six_inner(a: Any, b: Any, c: Any) -> Any:
 def _three_inner(d: Any, x: Any, y: Any, z: Any) -> tuple[float, float, float]:
     a, b, c = 0.0, 0.0, 0.0
     for t in range(d.shape[0]):
-        a += d[t] * x[t]
-        b += d[t] * y[t]
-        c += d[t] * z[t]
+        a += d[t] * _value(x[t])
+        b += d[t] * _value(y[t])
+        c += d[t] * _value(z[t])
     return a, b, c
 
 
@@ -193,7 +203,7 @@ def _rest_and_length(d: Any, forced: Any) -> tuple[float, float]:
 def _add_three(first: Any, second: Any, a: Any, b: Any, c: Any, x: Any, y: Any, z: Any) -> None:
     """first += a₀x + b₀y + c₀z, second += a₁x + b₁y + c₁z: each number loaded serves both."""
     for t in range(first.shape[0]):
-        p, q, r = x[t], y[t], z[t]
+        p, q, r = _value(x[t]), _value(y[t]), _value(z[t])
         first[t] += a[0] * p + b[0] * q + c[0] * r
         second[t] += a[1] * p + b[1] * q + c[1] * r
 
@@ -258,11 +268,10 @@ def _add_inner(where: Any, start: int, width: int, buffer: Any, out: Any) -> Non
                     out[i + k, j + q] += sums[k][q]
 
 
-@_entry(_WHERE, _COUNTS, "f8[:, ::1]")
-def gramian(where: Any, counts: Any, out: Any) -> None:
-    """K."""
-    buffer = np.empty((where.shape[1], _APART))
-    out[:] = 0.0
+@_Pass(_WHERE, _COUNTS, "f8[:, ::1]")
+def gramian(like: Any, where: Any, counts: Any, out: Any) -> None:
+    """out += K."""
+    buffer = np.empty((where.shape[1], _APART), like.dtype)
     for leaf in range(len(counts)):
         for start in range(0, counts[leaf], _BLOCK):
             width = min(_BLOCK, counts[leaf] - start)
@@ -282,22 +291,21 @@ def _mirror(lower: Any) -> None:
 @_plain
 def _split_row(x: Any, high: Any, low: Any) -> None:
     for t in range(x.shape[0]):
-        high[t], low[t] = _split(x[t])
+        high[t], low[t] = _split(_value(x[t]))
 
 
 @_plain
 def _add_products(x: Any, x_high: Any, x_low: Any, y: Any, y_high: Any, y_low: Any, total: Any, rest: Any) -> None:
     """total + rest += x·y, each lane by itself and without rounding, but for what 106 bits do not hold."""
     for t in range(x.shape[0]):
-        product = x[t] * y[t]
+        product = _value(x[t]) * _value(y[t])
         error = _product_error(product, x_high[t], x_low[t], y_high[t], y_low[t])
         total[t], lost = _two_sum(total[t], product)
         rest[t] += error + lost
 
 
 @_plain
-def _sum_pairs(total: Any, rest: Any) -> tuple[float, float]:
-    high, low = 0.0, 0.0
+def _sum_pairs(high: float, low: float, total: Any, rest: Any) -> tuple[float, float]:
     for t in range(total.shape[0]):
         high, lost = _two_sum(high, total[t])
         low += rest[t] + lost
@@ -317,12 +325,12 @@ def _add_inner_in_pairs(
             _add_products(x, x_high, x_low, y, y_high, y_low, totals[i, j, :width], rests[i, j, :width])
 
 
-@_entry(_WHERE, _COUNTS, "f8[:, ::1]", "f8[:, ::1]")
-def gramian_in_pairs(where: Any, counts: Any, out: Any, out_low: Any) -> None:
-    """K as hi + lo, each number of 106 bits; few rows get many lanes, many rows few."""
+@_Pass(_WHERE, _COUNTS, "f8[:, ::1]", "f8[:, ::1]")
+def gramian_in_pairs(like: Any, where: Any, counts: Any, out: Any, out_low: Any) -> None:
+    """out + out_low += K, each number of 106 bits; few rows get many lanes, many rows few."""
     count = where.shape[1]
     lanes = max(8, min(_LANES, _MOST_SUMS // (count * count) // 8 * 8))
-    buffer, high, low = np.empty((count, lanes + 8)), np.empty((count, lanes)), np.empty((count, lanes))
+    buffer, high, low = np.empty((count, lanes + 8), like.dtype), np.empty((count, lanes)), np.empty((count, lanes))
     totals, rests = np.zeros((count, count, lanes)), np.zeros((count, count, lanes))
     for leaf in range(len(counts)):
         for start in range(0, counts[leaf], lanes):
@@ -331,7 +339,7 @@ def gramian_in_pairs(where: Any, counts: Any, out: Any, out_low: Any) -> None:
             _add_inner_in_pairs(where[leaf], start, width, buffer, high, low, totals, rests)
     for i in range(count):
         for j in range(i + 1):
-            out[i, j], out_low[i, j] = _sum_pairs(totals[i, j], rests[i, j])
+            out[i, j], out_low[i, j] = _sum_pairs(out[i, j], out_low[i, j], totals[i, j], rests[i, j])
     _mirror(out)
     _mirror(out_low)
 
@@ -341,11 +349,12 @@ def _add_multiple(weight: float, more: float, x: Any, total: Any, rest: Any) -> 
     """total + rest += (weight + more) x."""
     high, low = _split(weight)
     for t in range(x.shape[0]):
-        x_high, x_low = _split(x[t])
-        product = weight * x[t]
+        number = _value(x[t])
+        x_high, x_low = _split(number)
+        product = weight * number
         error = _product_error(product, x_high, x_low, high, low)
         total[t], lost = _two_sum(total[t], product)
-        rest[t] += (error + more * x[t]) + lost
+        rest[t] += (error + more * number) + lost
 
 
 @_plain
@@ -360,27 +369,37 @@ def _combine_block_in_pairs(d: Any, rest: Any, weights: Any, more: Any, where: A
 
 
 @_plain
-def _round_into(place: Any, start: int, d: Any) -> None:
-    """The block of the place ← d, in its dtype; nothing where d is that block."""
-    if place[2] == _SINGLE:
-        rounded = _singles_at(place[0] + start * _SINGLE, d.shape[0])
-        for t in range(d.shape[0]):
-            rounded[t] = d[t]
+def _block_of(place: Any, start: int, width: int, block: Any) -> Any:
+    """Where a block of d is made: its place, or beside it."""
+    return _numbers_at(place[0] + start * block.itemsize, width, block) if place[2] == block.itemsize else block[:width]
 
 
 @_plain
-def _block_of(place: Any, start: int, width: int, block: Any) -> Any:
-    """Where a block of d is made: its place, or beside it."""
-    return _numbers_at(place[0] + start * _BYTES, width) if place[2] == _BYTES else block[:width]
+def _round_into(place: Any, start: int, d: Any, like: Any) -> None:
+    """The block of the place ← d, in its dtype; nothing where d is that block."""
+    if place[2] != d.itemsize:
+        rounded = _numbers_at(place[0] + start * like.itemsize, d.shape[0], like)
+        for t in range(d.shape[0]):
+            rounded[t] = _rounded(d[t], like)
 
 
-@_entry(_WHERE, _COUNTS, _VECTOR, _VECTOR, _VECTOR, "b1", _PLACES, "f8[::1]")
-def combine(where: Any, counts: Any, weights: Any, more: Any, forces: Any, pairs: bool, places: Any, sums: Any) -> None:
-    """places ← Vᵀ(weights + more), the latter only where pairs; sums ← [r·r, J d …, d·d], r = d − Vᵀforces."""
+@_plain
+def _widen_into(d: Any, place: Any, start: int, like: Any) -> None:
+    """d ← the block of the place; nothing where d is that block."""
+    if place[2] != d.itemsize:
+        numbers = _numbers_at(place[0] + start * like.itemsize, d.shape[0], like)
+        for t in range(d.shape[0]):
+            d[t] = _value(numbers[t])
+
+
+@_Pass(_WHERE, _COUNTS, _VECTOR, _VECTOR, _VECTOR, "b1", _PLACES, "f8[::1]")
+def combine(
+    like: Any, where: Any, counts: Any, weights: Any, more: Any, forces: Any, pairs: bool, places: Any, sums: Any
+) -> None:
+    """places ← Vᵀ(weights + more), the latter only where pairs; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
     forced, rest, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
-    buffer = np.empty((where.shape[1], _APART))
+    buffer = np.empty((where.shape[1], _APART), like.dtype)
     chosen = _chosen(np.zeros_like(weights) if pairs else weights, forces)
-    sums[:] = 0.0
     for leaf in range(len(counts)):
         for start in range(0, counts[leaf], _BLOCK):
             width = min(_BLOCK, counts[leaf] - start)
@@ -392,24 +411,20 @@ def combine(where: Any, counts: Any, weights: Any, more: Any, forces: Any, pairs
                 _combine_block_in_pairs(d, rest[:width], weights, more, where[leaf], start, buffer)
             _combine_block(d, forced[:width], chosen, where[leaf], start, buffer)
             _measure_block(d, forced[:width], where[leaf], start, buffer, sums)
-            _round_into(places[leaf], start, d)
+            _round_into(places[leaf], start, d, like)
 
 
-@_entry(_WHERE, _COUNTS, _PLACES, _VECTOR, "f8[::1]")
-def measure(where: Any, counts: Any, places: Any, forces: Any, sums: Any) -> None:
-    """sums ← [r·r, J d …, d·d] of the d that lies in the places, side by side."""
+@_Pass(_WHERE, _COUNTS, _PLACES, _VECTOR, "f8[::1]")
+def measure(like: Any, where: Any, counts: Any, places: Any, forces: Any, sums: Any) -> None:
+    """sums += [r·r, J d …, d·d] of the d that lies in the places, side by side; of float64 or the leaves' dtype."""
     forced, unused, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
-    buffer = np.empty((where.shape[1], _APART))
+    buffer = np.empty((where.shape[1], _APART), like.dtype)
     chosen = _chosen(forces, forces)
-    sums[:] = 0.0
     for leaf in range(len(counts)):
         for start in range(0, counts[leaf], _BLOCK):
             width = min(_BLOCK, counts[leaf] - start)
             d = _block_of(places[leaf], start, width, block)
-            if places[leaf, 2] == _SINGLE:
-                singles = _singles_at(places[leaf, 0] + start * _SINGLE, width)
-                for t in range(width):
-                    d[t] = singles[t]
+            _widen_into(d, places[leaf], start, like)
             _gather(where[leaf], start, width, buffer)
             forced[:width], unused[:width] = 0.0, 0.0
             _combine_block(unused[:width], forced[:width], chosen, where[leaf], start, buffer)
