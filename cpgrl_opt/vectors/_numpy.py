@@ -17,8 +17,8 @@ from .interface import Certificate
 # `active-set` the two meet at n = 30 000 with one constraint, 7000 with five, 1200 with fifteen and 500 with fifty.
 LEAST_PRODUCTS = 1_000_000
 
-BFLOAT16 = np.dtype(np.uint16)  # its bits, see `_bfloat16`
-DTYPES = np.dtype(np.float64), np.dtype(np.float32), BFLOAT16
+BFLOAT16 = np.dtype(np.uint16)  # its bits: NumPy knows no such numbers, see `_bfloat16`
+DTYPES = np.dtype(np.float64), np.dtype(np.float32)
 Leaf = tuple[Any, Any]
 
 
@@ -40,7 +40,7 @@ class LeafVectors:
 
     @cached_property
     def leaves(self) -> tuple[Leaf, ...]:
-        """(g's part (k,), J's part (m, k) or its rows apart) of each leaf, of one of DTYPES."""
+        """(g's part (k,), J's part (m, k) or its rows apart) of each leaf, of one of DTYPES or BFLOAT16."""
         raise NotImplementedError
 
     def rebuilt(self, parts: list[np.ndarray]) -> Any:
@@ -175,7 +175,7 @@ def _widened(part: np.ndarray) -> np.ndarray:
 def _places_of(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> list[tuple[int, int, int]]:
     parts = (g, *J) if isinstance(J, tuple) else (g, J)
     for array in parts:  # what lies at an address nobody checks again
-        if array.dtype != g.dtype or g.dtype not in DTYPES or array.shape[-1] != len(g):
+        if array.dtype != g.dtype or g.dtype not in (*DTYPES, BFLOAT16) or array.shape[-1] != len(g):
             raise ValueError(
                 f"vectors should be of {len(g)} numbers of one dtype, float64, float32 or bfloat16; "
                 f"found {array.dtype} beside {g.dtype}, shape {array.shape}"
