@@ -52,6 +52,8 @@ def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa
     """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
     if problem.metric is None and problem.is_long:
         yield from _look_in_passes(problem, d, mu, kappa)
+    if problem.is_tree and not problem.vectors.has_rows:
+        return  # there is no other way to look
     if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
         return
     if problem.metric is None:
@@ -72,7 +74,7 @@ def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa
     """Over the vectors as they are; at nothing where a square leaves float64."""
     lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu, kappa)
     sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
-    sizes += [certificate.length] if certificate.length > 0.0 or d.any() else []
+    sizes += [certificate.length] if certificate.length > 0.0 or (problem.vectors.has_rows and d.any()) else []
     if _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]:
         yield read_certificate(certificate, problem, mu, kappa, lengths)
 

@@ -18,13 +18,13 @@ from .validation import (
     real_view,
     require_shape,
 )
-from .vectors import ArrayVectors, LeafVectors, TreeVectors, is_long, is_tree
+from .vectors import ArrayVectors, OperationVectors, TreeVectors, Vectors, has_operations, is_long, is_tree
 
 _FLOAT64 = np.dtype(np.float64)
 
 
 def check_arrays(
-    gradient: ArrayLike, jacobian: ArrayLike, bound: ArrayLike, equality: ArrayLike, axes: int
+    gradient: ArrayLike, jacobian: Any, bound: ArrayLike, equality: ArrayLike, axes: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """g (…, n), J (…, m, n), b and E (…, m), copied and read-only; axes: of g, 1 for a problem and 2 for a batch."""
     packed = _pack(gradient, jacobian, bound, axes)
@@ -73,11 +73,15 @@ def require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None
         raise ValueError("gradient should have at least one component; found none")
 
 
-def view_vectors(gradient: Any, jacobian: Any) -> LeafVectors | None:
-    """g and J where they lie: a tree, a tensor, float32; or long arrays of float64, J one or a list of rows.
+def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
+    """g and J where they lie: a tree, a tensor, float32; long arrays of float64, J one or a list of rows; or an object.
 
     None for all else.
     """
+    if isinstance(gradient, Vectors) or has_operations(gradient):
+        if jacobian is not None:
+            raise ValueError("jacobian should not be given where gradient is an object that has the rows in it")
+        return gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
     if (type(gradient) is not np.ndarray or gradient.dtype is not _FLOAT64) and is_tree(gradient):
         return TreeVectors(gradient, jacobian)
     if type(jacobian) is np.ndarray:
@@ -95,11 +99,13 @@ def view_vectors(gradient: Any, jacobian: Any) -> LeafVectors | None:
     return view
 
 
-def metric_of_rows(vectors: LeafVectors, metric: Any) -> Any:
+def metric_of_rows(vectors: Vectors, metric: Any) -> Any:
     """A metric of the caller's kind as one of arrays of float64: a tree of positive numbers, or a function of trees.
 
     The function is handed v in float64, since M⁻¹ is sought to 1e-12.
     """
+    if metric is not None and not vectors.has_rows:
+        raise ValueError("metric should be None where gradient is an object: its `gramian` is the inner product")
     if metric is None or not isinstance(vectors, TreeVectors):
         return metric
     if callable(metric):

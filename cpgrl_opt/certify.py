@@ -147,7 +147,6 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     Free of the scale of g, of J and of each row. Raises ValueError when value or multipliers have a wrong shape.
     """
     d, mu = problem.row_of(direction.value), real_values("direction.multipliers", direction.multipliers)
-    require_shape("direction.value", d, (problem.n,))
     require_shape("direction.multipliers", mu, (problem.m,))
     kappa = float(getattr(direction, "radius_multiplier", 0.0))
     return _look_and_measure(problem, Direction(d, mu, Status.OPTIMAL, 0, kappa))[0]

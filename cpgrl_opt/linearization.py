@@ -9,7 +9,7 @@ import numpy as np
 from .arrays import ArrayLike, Float
 from .metric import Whitening
 from .validation import is_finite, real_values, require_finite, require_shape
-from .vectors import ArrayVectors, LeafVectors, TreeVectors, channels_of, is_long
+from .vectors import ArrayVectors, Vectors, channels_of, is_long
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -21,8 +21,8 @@ class Linearization:
 
     values: (…, 1 + m), average rewards per step; gradients: (…, 1 + m, n), policy gradients of the same. Neither is
     copied if it is a float64 array already. Of one run the gradients may be a list of 1 + m trees of arrays, a tensor,
-    an array of float32, or one tree with the channels as first axis of every leaf (see `vectors`); then a step's change
-    has that form too.
+    an array of float32, one tree with the channels as first axis of every leaf, or an object of a kind of its own (see
+    `vectors.VectorOperations`); then a step's change has that form too.
     Raises ValueError for NaN, infinities, shapes that do not belong together.
     Source: §2.1–2.2 of the paper (ρⁱ and Δⁱ).
     """
@@ -53,12 +53,14 @@ class Linearization:
         if not (long and all(vectors.are_finite() for vectors in self.vectors)):
             require_finite("gradients", gradients)
 
-    def _take_apart(self, values: np.ndarray, tree: TreeVectors) -> None:
+    def _take_apart(self, values: np.ndarray, tree: Vectors) -> None:
         require_finite("values", values)
         require_shape("values", values, (1 + tree.shape[0],))
-        vars(self).update(values=values, vectors=(tree,), is_tree=True, is_long=is_long(*tree.shape))
-        if not tree.are_finite():
-            require_finite("gradients", self.gradients)
+        long = is_long(*tree.shape) or not tree.has_rows
+        vars(self).update(values=values, vectors=(tree,), is_tree=True, is_long=long)
+        if not tree.has_rows:
+            vars(self).update(gradients=tree.channels())
+        tree.require_finite()
 
     if not TYPE_CHECKING:  # which would believe in any attribute
 
@@ -73,19 +75,19 @@ class Linearization:
     def __reduce__(self) -> tuple[type["Linearization"], tuple[object, ...]]:
         # Without the vectors, which are the gradients once more.
         [tree, *_] = self.vectors if self.is_tree else (None,)
-        given = self.gradients if tree is None else [tree.gradient, *tree.rows()]  # type: ignore[attr-defined]
+        given = self.gradients if tree is None else tree.channels()
         return Linearization, (self.values, given)
 
     def as_given(self, change: Any) -> Any:
         """A change (n,) of float64 in the form of the gradients."""
         is_row = self.is_tree and isinstance(change, np.ndarray) and change.dtype == np.float64
         given = self.vectors[0].from_row(change) if is_row else change
-        if self.is_tree and not is_finite(self.vectors[0].row_of(given)):
+        if self.is_tree and not self.vectors[0].is_representable(given):
             raise FloatingPointError("the change of θ should be finite in the gradients' dtypes; found infinities")
         return given
 
     @cached_property
-    def vectors(self) -> tuple[LeafVectors, ...]:
+    def vectors(self) -> tuple[Any, ...]:  # Vectors, of arrays LeafVectors
         """The gradients of each run, in the order of their indices; they keep their inner products."""
         runs = np.ndindex(self.gradients.shape[:-2])
         return tuple(ArrayVectors(self.gradients[run][0], self.gradients[run][1:]) for run in runs)
@@ -93,7 +95,7 @@ class Linearization:
     @property
     def n(self) -> int:
         """Number of parameters."""
-        return self.vectors[0].shape[1] if self.is_tree else self.gradients.shape[-1]
+        return int(self.vectors[0].shape[1] if self.is_tree else self.gradients.shape[-1])
 
     @property
     def objective_gradient(self) -> Float[np.ndarray, "*runs n"]:

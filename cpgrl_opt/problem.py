@@ -23,13 +23,12 @@ from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import (
     ReadOnlyArrays,
     freeze,
-    is_finite,
     read_only,
     real_values,
-    require_finite,
     require_positive,
+    require_shape,
 )
-from .vectors import ArrayVectors, LeafVectors, TreeVectors, is_long
+from .vectors import ArrayVectors, Vectors, is_long
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -38,7 +37,8 @@ class DirectionProblem:
 
     g may be a tree (list, tuple, dict, nested) of arrays too, a PyTorch tensor on the CPU, a JAX array, or of float32;
     J then is one such tree with the constraints as first axis of every leaf, or a list of them, one a row. They are
-    looked at where they lie, and the direction comes back in g's form.
+    looked at where they lie, and the direction comes back in g's form. Or g is one object that has J in it (see
+    `vectors.VectorOperations`), and no jacobian is given.
 
     gradient g: (n,), ascent gradient of the objective; jacobian J: (m, n), constraint gradients as rows;
     bound b: (m,) or one number for all, −inf switches an inequality off; equality: (m,) or one truth value
@@ -63,7 +63,7 @@ class DirectionProblem:
     def __init__(
         self,
         gradient: ArrayLike,
-        jacobian: ArrayLike,
+        jacobian: ArrayLike | None = None,
         bound: ArrayLike = 0.0,
         equality: ArrayLike = False,
         metric: ArrayLike | Callable[[Any], Any] | None = None,
@@ -100,18 +100,13 @@ class DirectionProblem:
         made = partial(DirectionProblem, metric_tolerance=M.tolerance, metric_iterations=M.iterations)
         return made, arguments
 
-    def _look_at(self, vectors: LeafVectors, bound: Multipliers, equality: Mask) -> None:
-        if not vectors.are_finite():
-            for index, (g, J) in enumerate(vectors.leaves):
-                where = f", leaf {index}" if len(vectors.leaves) > 1 else ""
-                require_finite(f"gradient{where}", g)
-                for row in J:
-                    require_finite(f"jacobian{where}", row)
+    def _look_at(self, vectors: Any, bound: Multipliers, equality: Mask) -> None:
+        vectors.require_finite()
         vars(self).update(bound=bound, equality=equality, is_long=True, _vectors=vectors)
-        vars(self).update(is_tree=isinstance(vectors, TreeVectors))
-        if isinstance(vectors, ArrayVectors):
+        vars(self).update(is_tree=not isinstance(vectors, ArrayVectors))
+        if isinstance(vectors, ArrayVectors) or not vectors.has_rows:
             vars(self).update(gradient=vectors.gradient)
-            if isinstance(vectors.jacobian, np.ndarray):
+            if not isinstance(vectors.jacobian, tuple):
                 vars(self).update(jacobian=vectors.jacobian)
 
     if not TYPE_CHECKING:  # which would believe in any attribute
@@ -124,11 +119,13 @@ class DirectionProblem:
             vars(self)[name] = array
             return array
 
-    def row_of(self, direction: Any) -> Vector:
-        """d as an array of float64, (n,); ValueError for what has not the form of g."""
+    def row_of(self, direction: Any) -> Any:
+        """d as an array of float64, (n,), ValueError for what has not the form of g; as it is where g is an object."""
         if self.is_tree:
             return self.vectors.row_of(direction)
-        return real_values("direction.value", direction)
+        row = real_values("direction.value", direction)
+        require_shape("direction.value", row, (self.n,))
+        return row
 
     def as_given(self, row: Vector) -> Any:
         """d in the form of g, rounded to its dtypes; infinite where it leaves them."""
@@ -136,7 +133,7 @@ class DirectionProblem:
 
     def is_representable(self, direction: Any) -> bool:
         """Whether d in the form of g is finite: float32 ends at 3e38."""
-        return not self.is_tree or all(map(is_finite, self.vectors.taken_apart(direction)))
+        return not self.is_tree or self.vectors.is_representable(direction)
 
     def __copy__(self) -> "DirectionProblem":
         made, arguments = self.__reduce__()
@@ -167,12 +164,12 @@ class DirectionProblem:
         return None if self.metric is None else validated_metric(self.metric, self.n)[1]
 
     @property
-    def vectors(self) -> LeafVectors:
+    def vectors(self) -> Any:  # Vectors, of arrays LeafVectors
         """g and the rows, as the reduction to their span looks at them; keeps their inner products.
 
         Rebuilt if somebody replaced `gradient` or `jacobian`; the new arrays are not checked.
         """
-        vectors: LeafVectors | None = vars(self).get("_vectors")
+        vectors: Vectors | None = vars(self).get("_vectors")
         if vectors is None or (isinstance(vectors, ArrayVectors) and not self._is_of(vectors)):
             vectors = ArrayVectors(self.gradient, self.jacobian)
             vars(self)["_vectors"] = vectors
@@ -185,7 +182,7 @@ class DirectionProblem:
     @property
     def n(self) -> int:
         """Number of parameters."""
-        return self.vectors.shape[1] if self.is_tree else len(self.gradient)
+        return int(self.vectors.shape[1]) if self.is_tree else len(self.gradient)
 
     @property
     def m(self) -> int:
@@ -195,7 +192,8 @@ class DirectionProblem:
 
 def nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
     """Zeros in the form of g that claim nothing."""
-    return Direction(problem.as_given(np.zeros(problem.n)), np.zeros(problem.m), status, iterations)
+    value = problem.vectors.zero() if problem.is_tree else np.zeros(problem.n)
+    return Direction(value, np.zeros(problem.m), status, iterations)
 
 
 def in_form(problem: DirectionProblem, found: Direction) -> Direction:
@@ -299,7 +297,7 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         """The same problems in stacked arrays; ValueError unless there is at least one and all have one shape."""
         if isinstance(problems, cls):
             return problems
-        shapes = {problem.jacobian.shape for problem in problems}
+        shapes = {np.shape(problem.jacobian) for problem in problems}
         if len(shapes) != 1:
             raise ValueError(f"problems should have one shape; found {sorted(shapes) or 'no problem'}")
         batch = cls(

@@ -130,6 +130,8 @@ def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear
     clear: the least 1/‖L⁻¹‖_F² that "pairs" takes, L of rows that do not depend on each other.
     """
     K = _pair(vectors.gramian().copy()) if rung == "gramian" else vectors.gramian_in_pairs()
+    if K is None:
+        return None
     squares = np.where(np.append(True, on), K.hi.diagonal(), 0.0)
     if not ((squares == 0.0) | ((squares > _LEAST) & (squares < _MOST))).all():  # which NaN is not
         return None

@@ -13,13 +13,14 @@ import numpy as np
 from ._gate import metric_of_rows
 from ._step_run import StepRun
 from .arrays import ArrayLike, Bool, Float
+from .direction import DirectionError
 from .formulation import FORMULATIONS
 from .linearization import Linearization
 from .metric import Whitening
 from .metric_operator import OperatorMetric
 from .step_in_metric import step_in_operator_metric
 from .step_in_span import step_in_span
-from .step_result import StepResult, empty_proof, stack_results, usual_result
+from .step_result import StepResult, empty_proof, skipped_result, stack_results, usual_result
 from .step_settings import DROP_RULES, ON_FAILURE, Observer, StepSettings
 from .validation import boolean_array, finite_array, is_finite, read_only, real_values, require_shape
 
@@ -125,7 +126,13 @@ class ConstrainedStep(StepSettings):
         """The step in coordinates where M = I; long gradients in those of their span."""
         if linearization.is_long:
             rate = float(self.step_size)  # type: ignore[arg-type]
-            results = step_in_span(self._on_rows, linearization.vectors, slack, active, rate, observe)
+            try:
+                results = step_in_span(self._on_rows, linearization.vectors, slack, active, rate, observe)
+            except DirectionError:  # of an object that no rung answers
+                if self.on_failure == "raise":
+                    raise
+                on = active & (not FORMULATIONS[self.formulation].takes_all)
+                return skipped_result(linearization.vectors[0].zero(), slack, on)
             n, m = linearization.n, slack.shape[-1]
             return stack_results(results, slack.shape[:-1], n, m) if slack.ndim > 1 else results[0]
         return self._on_rows(linearization.gradients, slack, active, observe)

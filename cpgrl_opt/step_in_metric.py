@@ -13,7 +13,7 @@ from .direction import DirectionError, Status
 from .flat_span import SpanFlat
 from .metric_operator import OperatorMetric
 from .problem import DirectionProblem
-from .step_result import COUNTS, StepResult
+from .step_result import StepResult, skipped_result
 
 
 def step_in_operator_metric(
@@ -41,17 +41,11 @@ def step_in_operator_metric(
         if span.failure is not None:
             if raises:
                 raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")
-            found.append(_skip(len(g), slack[run], np.zeros_like(active[run]) if takes_all else active[run].copy()))
+            on = np.zeros_like(active[run]) if takes_all else active[run].copy()
+            found.append(skipped_result(np.zeros(len(g)), slack[run], on))
             continue
         flat = span.problem
         result = on_rows(np.vstack([flat.gradient, flat.jacobian]), slack[run], active[run], observe)
         change = span.outside(result.change, slack[run], 0.0)[0]
         found.append(replace(result, change=change, predicted_slack=slack[run] + J @ change))
     return found
-
-
-def _skip(n: int, slack: np.ndarray, active: np.ndarray) -> StepResult:
-    """A run that stays where it is."""
-    counts = {name: np.array(name == "skipped", np.int64) for name in COUNTS}
-    unknown = np.full(4, np.nan)
-    return StepResult(np.zeros(n), active, np.array(False), counts, np.zeros(len(slack)), unknown, slack.copy())

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .direction import DirectionBatch, DirectionError
+from .direction import DirectionBatch, DirectionError, Status
 from .problem import ProblemBatch
 from .reduction import RUNGS, coordinates
 from .scaling import lengths
 from .step_result import StepResult
-from .vectors import LeafVectors
+from .vectors import Vectors
 
 # The coordinates of rows at an angle θ are rounded, which tilts them by eps/θ, and nothing mends a step as a solve is
 # mended: 1e-4 rad leave 1e-12 of it.
@@ -25,7 +25,7 @@ OnRows = Callable[..., StepResult]  # (gradients, slack, active, observe)
 
 def step_in_span(
     on_rows: OnRows,
-    vectors: Sequence[LeafVectors],
+    vectors: Sequence[Vectors],
     slack: np.ndarray,
     active: np.ndarray,
     step_size: float,
@@ -37,9 +37,9 @@ def step_in_span(
 
 
 def _step_one(
-    on_rows: OnRows, vectors: LeafVectors, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
+    on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
 ) -> StepResult:
-    """By the first rung that is exact enough, else on the rows."""
+    """By the first rung that is exact enough, else on the rows; DirectionError where there are none."""
     seen: list[tuple[ProblemBatch, DirectionBatch]] = []
     see = None if observe is None else lambda *pair: seen.append(pair)
     for rung in RUNGS:
@@ -60,5 +60,7 @@ def _step_one(
                 observe(*pair)
             # Of rows that are off the coordinates know nothing.
             return replace(result, change=change, predicted_slack=slack + certificate.products)
+    if not vectors.has_rows:
+        raise DirectionError(str(Status.UNCERTIFIED))
     result = on_rows(np.vstack([vectors.whole_gradient(), vectors.whole_jacobian()]), slack, active, observe)
     return replace(result, change=vectors.from_row(result.change))

@@ -71,6 +71,12 @@ def usual_result(
     return result
 
 
+def skipped_result(zero: Any, slack: Float[np.ndarray, "m"], active: Bool[np.ndarray, "m"]) -> StepResult:
+    """A run that stays where it is; zero: its change."""
+    counts = {name: np.array(name == "skipped", np.int64) for name in COUNTS}
+    return StepResult(zero, active, np.array(False), counts, np.zeros(len(slack)), np.full(4, np.nan), slack.copy())
+
+
 def empty_proof(runs: int, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Room for multipliers, residuals and predicted slack."""
     return np.empty((runs, m)), np.empty((runs, 4)), np.empty((runs, m))

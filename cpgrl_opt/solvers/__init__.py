@@ -5,6 +5,7 @@ A new solver is a frozen dataclass of settings with a core, `solve_small(small) 
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 
 from ..certify import certify
@@ -29,6 +30,7 @@ from .osqp import OSQP
 from .packages import has_package, import_failure
 from .rosen import Rosen
 from .rosen_drop import RosenDrop
+from .span import solve_in_span
 from .through_cvxpy import CVXPY
 from .through_qpsolvers import QPSolversBackend
 from .with_geometry import WithGeometry
@@ -83,6 +85,8 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     solver = _checked(solver)
     if type(solver) in SELF_JUDGING:
         return solver.solve(problem)
+    if problem.is_tree and not problem.vectors.has_rows:
+        return solve_in_span(partial(solve, solver=solver), problem, tolerance_of(solver), is_exact=False)
     if not supports(solver, problem):
         return unsupported(problem)
     asked = ask(solver, problem)

@@ -12,7 +12,7 @@ from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, in_form, without_geometry
+from ..problem import DirectionProblem, in_form, nothing, without_geometry
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
 from ..vectors import is_long
@@ -30,7 +30,8 @@ def solve_in_span(
     then the usual problem needs no coordinates.
     """
     vectors, on = problem.vectors, problem.bound > -inf
-    rungs = () if problem.is_tree and not is_long(*vectors.shape) else RUNGS  # a short tree is a short problem
+    is_short = problem.is_tree and vectors.has_rows and not is_long(*vectors.shape)  # a short tree is a short problem
+    rungs, left = () if is_short else RUNGS, None
     if is_exact and "gramian" in rungs:
         usual = solve_by_gramian(problem, tolerance)
         if usual is not None and problem.is_representable(usual.value):
@@ -50,6 +51,7 @@ def solve_in_span(
                 worst = residuals.worst
                 if not problem.is_representable(value):
                     continue
+                left = replace(found, value=value, multipliers=multipliers, status=Status.UNCERTIFIED, residuals=None)
                 if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
                     return replace(found, value=value, multipliers=multipliers, rung=rung, residuals=residuals)
         elif found.status in _SETTLED:
@@ -57,6 +59,8 @@ def solve_in_span(
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
             if small.holds(found.value, certificate, unit):
                 return replace(found, value=value, rung=rung)
+    if not vectors.has_rows:
+        return left or nothing(problem, Status.UNCERTIFIED)
     rows = without_geometry(problem)
     whole = DirectionProblem.trusted(rows.gradient, rows.jacobian, rows.bound, rows.equality, problem.radius)
     return in_form(problem, replace(solve(whole), rung="rows"))

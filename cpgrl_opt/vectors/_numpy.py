@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float, Jacobian, Multipliers, Vector
+from ..arrays import Float, Jacobian, Vector
 from ..compensated import Pair
-from ..validation import is_finite
+from ..validation import is_finite, require_finite
 from ._bfloat16 import narrow, widen
-from .interface import Certificate
+from .interface import Sums, Vectors
 
 # Below this a solve on the rows themselves is faster than Python's part of a reduction, 0.1 ms, or nearly so. With
 # `active-set` the two meet at n = 30 000 with one constraint, 7000 with five, 1200 with fifteen and 500 with fifty.
@@ -35,8 +35,10 @@ def _blocks() -> Any:
     return compiled
 
 
-class LeafVectors:
+class LeafVectors(Vectors):
     """Vectors that lie in this process's memory, in one leaf or many: g's parts and those of the rows of J."""
+
+    has_rows = True
 
     @cached_property
     def leaves(self) -> tuple[Leaf, ...]:
@@ -82,73 +84,57 @@ class LeafVectors:
         """(m, n), by the rows."""
         return len(self.leaves[0][1]), sum(len(g) for g, _ in self.leaves)
 
-    def lengths(self) -> Float[np.ndarray, "channels"]:
-        """Of g and of each row; over- or underflows with their squares."""
-        return np.asarray(np.sqrt(self._gramian.diagonal()))
-
-    def gramian(self) -> Float[np.ndarray, "channels channels"]:
-        """K, each entry to about √n eps ‖vᵢ‖‖vⱼ‖; found once."""
-        return self._gramian
-
     def are_finite(self) -> bool:
         """No NaN and no infinity: seen in K, unless squares overflow."""
         if math.isfinite(self._gramian.trace()):
             return True
         return all(is_finite(_widened(part)) for g, J in self.leaves for part in (g, *J))
 
-    @cached_property
-    def _gramian(self) -> np.ndarray:
-        K = self._square()
-        for _, where in self._where:
-            _blocks().gramian(*where, K)
-        return K
+    def require_finite(self) -> None:
+        """ValueError that names the leaf."""
+        if not self.are_finite():
+            for index, (g, J) in enumerate(self.leaves):
+                where = f", leaf {index}" if len(self.leaves) > 1 else ""
+                require_finite(f"gradient{where}", _widened(g))
+                for row in J:
+                    require_finite(f"jacobian{where}", _widened(row))
 
-    def gramian_in_pairs(self) -> Pair:
-        """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
-        K = Pair(self._square(), self._square())
-        for _, where in self._where:
-            _blocks().gramian_in_pairs(*where, K.hi, K.lo)
-        return K
+    def is_representable(self, direction: Any) -> bool:
+        """Seen in each leaf."""
+        return all(is_finite(_widened(part)) for part in self.taken_apart(direction))
 
     def is_zero(self, index: int) -> bool:
         """In one pass over that vector."""
         return not any(_widened(g if index == 0 else J[index - 1]).any() for g, J in self.leaves)
 
-    def combine(self, weights: Pair, multipliers: Multipliers, kappa: float = 1.0) -> tuple[Any, Certificate]:
-        """d, in one pass with its certificate, which is of d before it is rounded to a leaf's dtype."""
-        forces = np.append(1.0, multipliers) / (kappa or 1.0)
-        d, sums = self._combine(weights.hi, weights.lo, forces, bool(weights.lo.any()))
-        return d, self._certificate(sums, multipliers, kappa)
+    def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
+        """In one pass."""
+        K = self._square()
+        for _, where in self._where:
+            _blocks().gramian(*where, K)
+        return K
 
-    def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Any, Float[np.ndarray, "k"]]:
-        """d = Vᵀ(1, μ) in one pass, and r·r, J d, d·d."""
-        return self._combine(weights, np.zeros(len(weights)), weights, in_pairs=False)
+    def find_gramian_in_pairs(self) -> Pair:
+        """In one pass."""
+        K = Pair(self._square(), self._square())
+        for _, where in self._where:
+            _blocks().gramian_in_pairs(*where, K.hi, K.lo)
+        return K
 
-    def _combine(self, weights: Any, more: Any, forces: Any, in_pairs: bool) -> tuple[Any, Any]:
+    def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
+        """In one pass."""
         parts, sums = [np.empty(len(g), g.dtype) for g, _ in self.leaves], np.zeros(1 + len(forces))
+        in_pairs = bool(weights.lo.any())
         for leaves, where in self._where:
-            _blocks().combine(*where, weights, more, forces, in_pairs, _places(parts, leaves), sums)
+            _blocks().combine(*where, *weights, forces, in_pairs, _places(parts, leaves), sums)
         return self.rebuilt(parts), sums
 
-    def certificate(self, direction: Any, multipliers: Multipliers, kappa: float = 1.0) -> Certificate:
-        """In one pass; in two where κ = 0."""
-        return self._measure(self.taken_apart(direction), multipliers, kappa)
-
-    def _measure(self, parts: list[np.ndarray], multipliers: Multipliers, kappa: float) -> Certificate:
-        forces = np.append(1.0, multipliers) / (kappa or 1.0)
-        sums = np.zeros(1 + len(forces))
+    def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
+        """In one pass."""
+        parts, sums = self.taken_apart(direction), np.zeros(1 + len(forces))
         for leaves, where in self._where:
             _blocks().measure(*where, _places(parts, leaves), forces, sums)
-        return self._certificate(sums, multipliers, kappa)
-
-    def _certificate(self, sums: np.ndarray, multipliers: Multipliers, kappa: float) -> Certificate:
-        """Of κ times the rest d − (g + Jᵀμ)/κ; where κ = 0 the rest is that of d = 0."""
-        if kappa == 0.0:
-            nothing = [np.zeros(len(g)) for g, _ in self.leaves]
-            rest = self._measure(nothing, multipliers, 1.0).rest
-        else:
-            rest = abs(kappa) * math.sqrt(sums[0])
-        return Certificate(rest, sums[1:-1], math.sqrt(sums[-1]))
+        return sums
 
     def _square(self) -> np.ndarray:
         count = 1 + len(self.leaves[0][1])

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from ._numpy import DTYPES, Leaf, LeafVectors
+from ._operations import OperationVectors, has_operations
+from .interface import Vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +62,11 @@ class TreeVectors(LeafVectors):
         pairs = zip(_walk(row, name, self.gradient), _walk(self.gradient, "gradient"), strict=True)
         return [_flat(own, leaf, np.shape(_array(like))) for (own, leaf), (_, like) in pairs]
 
-    def rows(self) -> list[Any]:
-        """J's rows, each in the form of g."""
+    def channels(self) -> list[Any]:
+        """g and J's rows, each in the form of g."""
         if _is_stacked(self.gradient, self.jacobian):
-            return [_mapped(itemgetter(i), self.jacobian) for i in range(self.shape[0])]
-        return list(self.jacobian)
+            return [self.gradient, *(_mapped(itemgetter(i), self.jacobian) for i in range(self.shape[0]))]
+        return [self.gradient, *self.jacobian]
 
     def rebuilt(self, parts: list[np.ndarray]) -> Any:
         """In g's structure, shapes and kind."""
@@ -99,11 +101,13 @@ def is_tree(gradient: Any) -> bool:
     return _is_array(gradient)
 
 
-def channels_of(gradients: Any) -> TreeVectors | None:
+def channels_of(gradients: Any) -> Vectors | None:
     """The gradients of one run, the objective's first: a list of trees, or one with the channels as first axis.
 
-    None for what is no tree. Arrays of float64 in a list are rows of one array.
+    None for what is no tree and no object of the caller's. Arrays of float64 in a list are rows of one array.
     """
+    if isinstance(gradients, Vectors) or has_operations(gradients):
+        return gradients if isinstance(gradients, Vectors) else OperationVectors(gradients)
     if isinstance(gradients, list | tuple):
         if not gradients or not is_tree(gradients[0]):
             return None

@@ -8,13 +8,17 @@ angle. Sums in pairs of float64 are what this takes; the alternative, to orthogo
 needs a copy of them and was measured to be slower and less exact.
 """
 
+import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..arrays import Float
+from ..arrays import Float, Multipliers
 from ..compensated import Pair
+
+Sums = Float[np.ndarray, "sums"]  # [r·r, J d …, d·d]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,40 +30,107 @@ class Certificate:
     length: float
 
 
-class Vectors(Protocol):
-    """g and the rows of J, of whatever kind. Weights are of g first, then of each row."""
+class Vectors:
+    """g and the rows of J, of whatever kind: what every kind offers, and what follows from it.
+
+    A kind brings `shape`, `are_finite`, `is_zero`, `channels`, `find_gramian`, `find_gramian_in_pairs`, `form` and
+    `measure`. Weights are of g first, then of each row.
+    """
+
+    has_rows: ClassVar[bool] = False  # whether g and J can be put together as arrays of float64
 
     @property
     def shape(self) -> tuple[int, int]:
         """(m, n)."""
-        ...
+        raise NotImplementedError
 
     def are_finite(self) -> bool:
         """No NaN and no infinity."""
-        ...
-
-    def lengths(self) -> Float[np.ndarray, "channels"]:
-        """‖vᵢ‖; over- or underflows with its square."""
-        ...
-
-    def gramian(self) -> Float[np.ndarray, "channels channels"]:
-        """K in float64. Entries of numbers beyond 1e±140 over- or underflow."""
-        ...
-
-    def gramian_in_pairs(self) -> Pair:
-        """K, (1 + m, 1 + m), to 106 bits before cancellation."""
-        ...
+        raise NotImplementedError
 
     def is_zero(self, index: int) -> bool:
         """Whether vᵢ = 0, and not only its square."""
-        ...
+        raise NotImplementedError
 
-    def combine(
-        self, weights: Pair, multipliers: Float[np.ndarray, "m"], kappa: float = 1.0
-    ) -> tuple[Any, Certificate]:
-        """d = Σ wᵢvᵢ in this kind of vectors, and its certificate with μ; in pairs where weights.lo has any ≠ 0."""
-        ...
+    def channels(self) -> Any:
+        """g and the rows as a `Linearization` takes them."""
+        raise NotImplementedError
 
-    def certificate(self, direction: Any, multipliers: Float[np.ndarray, "m"], kappa: float = 1.0) -> Certificate:
+    def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
+        """K in float64."""
+        raise NotImplementedError
+
+    def find_gramian_in_pairs(self) -> Pair | None:
+        """K to 106 bits before cancellation; None where the kind cannot."""
+        raise NotImplementedError
+
+    def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
+        """d = Vᵀw in this kind of vectors, in pairs where weights.lo has any ≠ 0; its sums with r = d − Vᵀforces."""
+        raise NotImplementedError
+
+    def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
+        """The sums of a d that somebody else made; ValueError for what is no such d."""
+        raise NotImplementedError
+
+    def require_finite(self) -> None:
+        """ValueError for NaN and infinities."""
+        if not self.are_finite():
+            raise ValueError("gradient and jacobian should be finite, and their squares too; found NaN or infinity")
+
+    def row_of(self, direction: Any, name: str = "direction.value") -> Any:  # noqa: ARG002
+        """d as one array of float64 where the kind has rows, else d."""
+        return direction
+
+    def from_row(self, row: Any) -> Any:
+        """The other way."""
+        return row
+
+    def is_representable(self, direction: Any) -> bool:  # noqa: ARG002
+        """Whether d is finite in the dtypes of its kind: float32 ends at 3e38."""
+        return True
+
+    @cached_property
+    def _gramian(self) -> np.ndarray:
+        return self.find_gramian()
+
+    def gramian(self) -> Float[np.ndarray, "channels channels"]:
+        """K, each entry to about √n eps ‖vᵢ‖‖vⱼ‖; found once. Numbers beyond 1e±140 over- or underflow."""
+        return self._gramian
+
+    def gramian_in_pairs(self) -> Pair | None:
+        """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
+        return self.find_gramian_in_pairs()
+
+    def lengths(self) -> Float[np.ndarray, "channels"]:
+        """Of g and of each row; over- or underflows with their squares."""
+        return np.asarray(np.sqrt(self._gramian.diagonal()))
+
+    def combine(self, weights: Pair, multipliers: Multipliers, kappa: float = 1.0) -> tuple[Any, Certificate]:
+        """d = Vᵀw and its certificate with μ, which is of d before it is rounded to its dtype."""
+        d, sums = self.form(weights, _forces(multipliers, kappa))
+        return d, self._certificate(sums, multipliers, kappa)
+
+    def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
+        """d = Vᵀ(1, μ) and its sums."""
+        return self.form(Pair(weights, np.zeros(len(weights))), weights)
+
+    def certificate(self, direction: Any, multipliers: Multipliers, kappa: float = 1.0) -> Certificate:
         """Of a d that somebody else made."""
-        ...
+        return self._certificate(self.measure(direction, _forces(multipliers, kappa)), multipliers, kappa)
+
+    def zero(self) -> Any:
+        """d = 0."""
+        weights = np.zeros(1 + self.shape[0])
+        return self.form(Pair(weights, weights), weights)[0]
+
+    def _certificate(self, sums: Sums, multipliers: Multipliers, kappa: float) -> Certificate:
+        """Of κ times the rest d − (g + Jᵀμ)/κ; where κ = 0 the rest is g + Jᵀμ, which is formed."""
+        if kappa == 0.0:
+            rest = math.sqrt(self.combine_usually(np.append(1.0, multipliers))[1][-1])
+        else:
+            rest = abs(kappa) * math.sqrt(sums[0])
+        return Certificate(rest, sums[1:-1], math.sqrt(sums[-1]))
+
+
+def _forces(multipliers: Multipliers, kappa: float) -> Float[np.ndarray, "channels"]:
+    return np.append(1.0, multipliers) / (kappa or 1.0)

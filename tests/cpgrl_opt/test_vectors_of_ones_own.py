@@ -1,0 +1,229 @@
+"""Objects of the caller's own kind: two or three methods, and the answers of arrays; never a wrong OPTIMAL."""
+
+import copy
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import (
+    SOLVERS,
+    ConstrainedStep,
+    Direction,
+    DirectionError,
+    DirectionProblem,
+    Linearization,
+    Status,
+    WithGeometry,
+    kkt_residuals,
+    solve,
+    solve_batch,
+)
+from cpgrl_opt.compensated import Pair, products
+from cpgrl_opt.vectors import ArrayVectors
+
+
+class Files:
+    """Vectors that lie in files of NumPy, the objective's first; a direction is one more file."""
+
+    def __init__(self, *paths: Path) -> None:
+        self.paths = paths
+
+    def gramian(self) -> np.ndarray:
+        rows = [np.load(path, mmap_mode="r") for path in self.paths]
+        return np.array([[a @ b for a in rows] for b in rows])
+
+    def lincomb(self, weights: np.ndarray) -> Path:
+        path = self.paths[0].with_name(f"d{abs(hash(weights.tobytes()))}.npy")
+        np.save(path, sum(w * np.load(each) for w, each in zip(weights, self.paths, strict=True)))
+        return path
+
+    def extended(self, *vectors: Path) -> "Files":
+        return Files(*self.paths, *vectors)
+
+
+class Kept:
+    """Vectors in memory, in an object; `n` is told."""
+
+    def __init__(self, V: np.ndarray) -> None:
+        self.V, self.n = V, V.shape[1]
+
+    def gramian(self) -> np.ndarray:
+        return self.V @ self.V.T
+
+    def lincomb(self, weights: np.ndarray) -> Any:
+        return weights @ self.V
+
+    def extended(self, *vectors: Any) -> "Kept":
+        return type(self)(np.vstack([self.V, *vectors]))
+
+
+class InPairs(Kept):
+    def gramian_in_pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        return ArrayVectors(self.V[0], self.V[1:]).find_gramian_in_pairs()
+
+    def lincomb_in_pairs(self, hi: np.ndarray, lo: np.ndarray) -> Any:
+        return products(self.V.T.copy(), hi).plus(Pair(lo @ self.V, np.zeros(self.n))).rounded()
+
+
+def draw(seed: int, n: int = 9, m: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((1 + m, n)), rng.uniform(-1.0, 0.5, m)
+
+
+@pytest.mark.parametrize("name", ["active-set", "nnls", "osqp", "rosen-drop"])
+def test_every_solver_answers_as_of_arrays(name: str) -> None:
+    V, _ = draw(0)
+    expected = SOLVERS["active-set"].solve(DirectionProblem(V[0], V[1:], 0.0, True))
+    answer = SOLVERS[name].solve(DirectionProblem(Kept(V), equality=True))
+    assert answer.status == Status.OPTIMAL
+    np.testing.assert_allclose(answer.value, expected.value, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("radius", [None, 0.7])
+def test_directions_are_those_of_arrays(seed: int, radius: float | None) -> None:
+    V, bound = draw(seed)
+    expected = solve(DirectionProblem(V[0], V[1:], bound, radius=radius))
+    problem = DirectionProblem(Kept(V), bound=bound, radius=radius)
+    answer = solve(problem)
+    assert (answer.status, problem.m, problem.n) == (expected.status, 3, 9)
+    assert answer.rung in ("gramian", "pairs")
+    np.testing.assert_allclose(answer.value, expected.value, atol=1e-10)
+    np.testing.assert_allclose(answer.multipliers, expected.multipliers, atol=1e-10)
+    if answer.status == Status.OPTIMAL:
+        assert kkt_residuals(problem, answer).worst <= 1e-12
+        wrong = Direction(answer.value + 0.1, answer.multipliers, Status.OPTIMAL, 0, answer.radius_multiplier)
+        assert kkt_residuals(problem, wrong).worst > 1e-3
+
+
+def test_rows_may_lie_in_files(tmp_path: Path) -> None:
+    V, bound = draw(1)
+    paths = [tmp_path / f"{i}.npy" for i in range(len(V))]
+    for path, row in zip(paths, V, strict=True):
+        np.save(path, row)
+    answer = solve(DirectionProblem(Files(*paths), bound=bound))
+    assert answer.status == Status.OPTIMAL
+    np.testing.assert_allclose(np.load(answer.value), solve(DirectionProblem(V[0], V[1:], bound)).value, atol=1e-12)
+
+
+@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
+def test_steps_are_those_of_arrays(formulation: str) -> None:
+    V, values = draw(2)[0], np.array([0.0, -0.5, 0.25, -1.0])
+    step = ConstrainedStep(formulation=formulation)
+    expected, result = (step(Linearization(values, each), np.zeros(3)) for each in (V, Kept(V)))
+    np.testing.assert_allclose(result.change, expected.change, atol=1e-12)
+    np.testing.assert_array_equal(result.active, expected.active)
+    np.testing.assert_allclose(result.predicted_slack, expected.predicted_slack, atol=1e-12)
+
+
+NEAR = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 1e-3, 0.0, 0.0]])
+TWICE = np.array([[1.0, 2.0, 3.0, 4.0], [-1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("V", [NEAR, TWICE])
+def test_rows_that_nearly_depend_need_pairs(V: np.ndarray) -> None:
+    expected = solve(DirectionProblem(V[0], V[1:], [0.5, 0.5]))
+    answer = solve(DirectionProblem(InPairs(V), bound=[0.5, 0.5]))
+    assert (answer.status, answer.rung) == (Status.OPTIMAL, "pairs")
+    np.testing.assert_allclose(answer.value, expected.value, rtol=1e-10)
+    without = DirectionProblem(Kept(V), bound=[0.5, 0.5])
+    assert solve(without).status == Status.UNCERTIFIED
+    linearization = Linearization([0.0, -0.5, -0.5], Kept(V))
+    result = ConstrainedStep()(linearization, [0.0, 0.0])
+    assert result.counts["skipped"] == 1
+    np.testing.assert_array_equal(result.change, np.zeros(4))
+    with pytest.raises(DirectionError):
+        ConstrainedStep(on_failure="raise")(linearization, [0.0, 0.0])
+    again = ConstrainedStep()(Linearization([0.0, -0.5, -0.5], InPairs(V)), [0.0, 0.0])
+    assert again.counts["skipped"] == 0
+
+
+def test_contradictions_are_found() -> None:
+    V = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
+    assert solve(DirectionProblem(InPairs(V), bound=1.0)).status == Status.INFEASIBLE
+
+
+class Wrong(Kept):
+    def lincomb(self, weights: np.ndarray) -> Any:
+        return weights @ self.V * 1.001
+
+
+class Single(Kept):
+    def lincomb(self, weights: np.ndarray) -> Any:
+        return (weights @ self.V).astype(np.float32).astype(np.float64)
+
+
+@pytest.mark.parametrize("kind", [Wrong, Single])
+def test_a_combination_that_is_off_is_not_certified(kind: Any) -> None:
+    V, bound = draw(1)
+    answer = solve(DirectionProblem(kind(V), bound=bound))
+    assert answer.status == Status.UNCERTIFIED
+    assert answer.residuals is None
+    np.testing.assert_allclose(answer.value, solve(DirectionProblem(V[0], V[1:], bound)).value, rtol=2e-3)
+
+
+def test_rows_of_zero_are_told_from_short_ones() -> None:
+    V = np.array([[1.0, 2.0], [0.0, 0.0], [-1e-200, 0.0]])
+    assert solve(DirectionProblem(Kept(V[:2]))).status == Status.OPTIMAL
+    assert solve(DirectionProblem(Kept(V))).status == Status.UNCERTIFIED
+
+
+class ThirdParty:
+    def solve(self, problem: DirectionProblem) -> Direction:
+        assert type(problem.gradient) is np.ndarray
+        return SOLVERS["active-set"].solve(problem)
+
+
+def test_a_third_partys_solver_sees_coordinates() -> None:
+    V, bound = draw(1)
+    expected = solve(DirectionProblem(V[0], V[1:], bound)).value
+    for solver in (ThirdParty(), WithGeometry(ThirdParty())):
+        answer = solve(DirectionProblem(Kept(V), bound=bound), solver)
+        assert answer.status == Status.OPTIMAL
+        np.testing.assert_allclose(answer.value, expected, atol=1e-12)
+
+
+def test_copies_and_pickles() -> None:
+    V, bound = draw(1)
+    problem = DirectionProblem(Kept(V), bound=bound)
+    expected = solve(problem).value
+    for again in (copy.copy(problem), copy.deepcopy(problem), pickle.loads(pickle.dumps(problem))):
+        np.testing.assert_array_equal(solve(again).value, expected)
+    linearization = pickle.loads(pickle.dumps(Linearization([0.0, -1.0, 1.0, 1.0], Kept(V))))
+    assert ConstrainedStep()(linearization, np.zeros(3)).counts["skipped"] == 0
+
+
+class Odd(Kept):
+    def gramian(self) -> np.ndarray:
+        return np.triu(self.V @ self.V.T)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    V = draw(0)[0]
+    with pytest.raises(ValueError, match=r"gramian\(\) should be symmetric"):
+        DirectionProblem(Odd(V))
+    with pytest.raises(ValueError, match="gradient and jacobian should be finite, and their squares too"):
+        DirectionProblem(Kept(V * np.nan))
+    with pytest.raises(ValueError, match="gradient and jacobian should be finite, and their squares too"):
+        Linearization(np.zeros(4), Kept(V * 1e200))
+    with pytest.raises(ValueError, match="jacobian should not be given where gradient is an object"):
+        DirectionProblem(Kept(V), V[1:])
+    with pytest.raises(ValueError, match="metric should be None where gradient is an object"):
+        DirectionProblem(Kept(V), metric=np.ones(9))
+    with pytest.raises(ValueError, match=r"bound should have shape \(3,\)"):
+        DirectionProblem(Kept(V), bound=[1.0])
+    with pytest.raises(ValueError, match=r"values should have shape \(4,\)"):
+        Linearization(np.zeros(3), Kept(V))
+    with pytest.raises(ValueError, match="jacobian"):
+        DirectionProblem(V[0])
+    with pytest.raises(ValueError, match="gradient should be an array of real numbers"):
+        solve_batch("active-set", [DirectionProblem(Kept(V))])
+
+
+def test_an_object_is_shown_as_it_was_given() -> None:
+    V = Kept(draw(0)[0])
+    assert repr(V) in repr(DirectionProblem(V))
+    assert repr(V) in repr(Linearization(np.zeros(4), V))
