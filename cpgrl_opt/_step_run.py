@@ -9,11 +9,12 @@ import numpy as np
 from .arrays import Bool, Float, Int
 from .direction import DirectionBatch, DirectionError, Status
 from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
-from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations, step_kernels
+from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations
 from .problem import ProblemBatch
 from .recovery import recover
 from .scaling import lengths
 from .solvers import ActiveSet, DirectionSolver, Rosen, solve_batch, tolerance_of
+from .step_kernels import admit, predict
 from .step_result import COUNTS, StepResult, nothing
 from .step_settings import CLOSED_FORM, StepSettings
 from .validation import is_finite
@@ -81,7 +82,7 @@ class StepRun:
         if self.settings.radius is not None and restoration is not None:
             self.count_long(change)
         predicted = np.empty(slack.shape)
-        step_kernels().predict(gradients, slack, change, predicted)
+        predict(gradients, slack, change, predicted)
         active = multipliers > 0.0 if self.takes_all else active
         return StepResult(change, active, still, self.counted(), multipliers, residuals, predicted)
 
@@ -134,7 +135,7 @@ class StepRun:
     ) -> ActiveConstraints:
         """𝒜 without the constraints whose gradient is 0, and t = −min(slack, 0)."""
         target, kept, flat = np.empty(slack.shape), np.empty(slack.shape, np.bool_), np.empty(self.runs, np.int64)
-        any_flat, extreme = step_kernels().admit(gradients, slack, active, target, kept, flat)
+        any_flat, extreme = admit(gradients, slack, active, target, kept, flat)
         if any_flat:
             self.counts["flat"][:] = flat
         room = None

@@ -23,23 +23,14 @@ _admit, _mark_vanishing, _predict = admit.helper, mark_vanishing.helper, predict
 
 
 @entry_point(
-    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], b1, b1, b1, b1, f8, f8, f8, f8, f8, i8[::1], f8[:, ::1], "
-    "f8[:, ::1], f8[:, ::1], f8[:, ::1])",
+    "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
     interpreted=(0, 0),
 )
 def move(
     gradients: Any,
     slack: Any,
     active: Any,
-    tangent_solver: bool,
-    is_equality: bool,
-    restores_inside: bool,
-    takes_all: bool,
-    step_size: float,
-    restoration_rate: float,
-    slack_fraction: float,
-    tolerance: float,
-    relative: float,
+    settings: Any,
     flat: Any,
     change: Any,
     multipliers: Any,
@@ -48,9 +39,14 @@ def move(
 ) -> bool:
     """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run.
 
-    Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m). takes_all:
-    whatever is active; it then says which multipliers are positive.
+    Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m). settings:
+    those of `StepSettings._direct`. Where the formulation takes all constraints, `active` is whatever it is, and says
+    afterwards which multipliers are positive.
     """
+    tangent_solver, is_equality, restores_inside, takes_all = (
+        settings[0] > 0.0, settings[1] > 0.0, settings[2] > 0.0, settings[3] > 0.0
+    )  # fmt: skip
+    step_size, restoration_rate, slack_fraction, tolerance = settings[4], settings[5], settings[6], settings[7]
     runs, channels, n = gradients.shape
     m = channels - 1
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
@@ -81,7 +77,7 @@ def move(
             )  # fmt: skip
             if not (worst <= SHARP and worst <= tolerance):
                 return False
-            if part == 0 and _mark_vanishing(value, gradients[run : run + 1], relative, vanishes):
+            if part == 0 and _mark_vanishing(value, gradients[run : run + 1], vanishes):
                 return False
             for k in range(4):
                 residuals[run, k] = parts[k] if part == 0 else max(residuals[run, k], parts[k])

@@ -17,18 +17,16 @@ Source: §2.3 of the paper; Moreau 1962 for the first.
 import numpy as np
 
 from .arrays import Bool, Float, Int, Number
-from .formulation import FORMULATIONS, ActiveConstraints, step_kernels
+from .formulation import FORMULATIONS, ActiveConstraints
 from .projection import largest_multipliers, unit_multipliers
 from .solvers import ActiveSet, Rosen, solve_batch
-
-# What counts as 0 of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
-NEGLIGIBLE = 1e-10
+from .step_kernels import NEGLIGIBLE, mark_vanishing
 
 
 def vanishing(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> tuple[Bool[np.ndarray, "B"], bool]:
     """Whether a move is 0 up to rounding, relative to Δ¹: by run, and whether in any."""
     found = np.empty(len(moves), np.bool_)
-    return found, step_kernels().mark_vanishing(moves, constraints.gradients, NEGLIGIBLE, found)
+    return found, mark_vanishing(moves, constraints.gradients, found)
 
 
 def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Float[np.ndarray, "B n"]:

@@ -11,23 +11,14 @@ A step then moves θ by α₁ s + αₑ v, and by α₁ s for `restoring` and `l
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any
 
 import numpy as np
 
 from .arrays import Bool, Float, Int
 from .problem import ProblemBatch
+from .step_kernels import fill_problems
 
 _LARGEST_EXPONENT = 400  # as `step_kernels.admit` has it
-
-
-@cache
-def step_kernels() -> Any:
-    """The module of compiled helpers; imports numba."""
-    from . import step_kernels as compiled
-
-    return compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +108,7 @@ class Formulation:
         g, J, b, is_equality = (
             np.empty((count, n)), np.empty((count, m, n)), np.empty((count, m)), np.empty((count, m), np.bool_)
         )  # fmt: skip
-        is_finite = step_kernels().fill_problems(
+        is_finite = fill_problems(
             constraints.gradients,
             constraints.target,
             constraints.active,

@@ -35,13 +35,12 @@ class Linearization:
     def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
         values = real_values("values", values)
-        tree = None
         if type(gradients) is not np.ndarray or gradients.dtype != np.float64:
             tree = channels_of(gradients) if values.ndim == 1 else None  # a list may be one of runs else
-        if tree is not None:
-            self._take_apart(values, tree)
-            return
-        gradients = real_values("gradients", gradients)
+            if tree is not None:
+                self._take_apart(values, tree)
+                return
+            gradients = real_values("gradients", gradients)
         if gradients.ndim < 2:
             raise ValueError(f"gradients should have shape (…, 1 + m, n); found {gradients.shape}")
         require_finite("values", values)
@@ -124,5 +123,5 @@ class Linearization:
 
     def slack(self, thresholds: Float[np.ndarray, "m"]) -> Float[np.ndarray, "*runs m"]:
         """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""
-        slack: np.ndarray = self.values[..., 1:] - thresholds
+        slack: np.ndarray = np.subtract(self.values[..., 1:], thresholds, order="C")
         return slack

@@ -12,6 +12,7 @@ import numpy as np
 
 from ._gate import metric_of_rows
 from ._step_run import StepRun
+from .active_set import violated
 from .arrays import ArrayLike, Bool, Float
 from .direction import DirectionError
 from .formulation import FORMULATIONS
@@ -20,7 +21,7 @@ from .metric import Whitening
 from .metric_operator import OperatorMetric
 from .step_in_metric import step_in_operator_metric
 from .step_in_span import step_in_span
-from .step_result import StepResult, empty_proof, skipped_result, stack_results, usual_result
+from .step_result import StepResult, skipped_result, stack_results, usual_result
 from .step_settings import DROP_RULES, ON_FAILURE, Observer, StepSettings
 from .validation import boolean_array, finite_array, is_finite, read_only, real_values, require_shape
 
@@ -81,7 +82,7 @@ class ConstrainedStep(StepSettings):
         """
         limits = real_values("thresholds", thresholds)
         require_shape("thresholds", limits, (linearization.values.shape[-1] - 1,))
-        slack = np.ascontiguousarray(linearization.slack(limits))
+        slack = linearization.slack(limits)
         if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
@@ -144,23 +145,17 @@ class ConstrainedStep(StepSettings):
         active: np.ndarray,
         observe: Observer | None,
     ) -> StepResult:
-        runs, (channels, n) = slack.shape[:-1], gradients.shape[-2:]
-        if not gradients.flags.c_contiguous:
-            gradients = np.ascontiguousarray(gradients)
-        if not gradients.flags.writeable:  # JAX hands out such arrays; the compiled helpers take them for another type
+        if not gradients.flags.carray:  # nor read-only, as JAX's are, which compiled helpers take for another type
             gradients = gradients.copy()
-        if FORMULATIONS[self.formulation].takes_all:
-            active = active.copy()  # `move` says in it which multipliers are positive
-        count, m, direct = math.prod(runs) if runs else 1, channels - 1, self._direct
-        stacked = gradients.reshape(count, channels, n), slack.reshape(count, m), active.reshape(count, m)
+        runs, m, n = slack.shape[:-1], slack.shape[-1], gradients.shape[-1]
+        count, direct = math.prod(runs), self._direct
         if observe is None and direct is not None and count > 0:
-            change, flat, proof = np.empty((count, n)), np.empty(count, np.int64), empty_proof(count, m)
-            if direct_step().move.run(*stacked, *direct, flat, change, *proof):
-                if not runs:  # the usual one, with as little around it as there can be
-                    return usual_result(change[0], active, flat.reshape(()), proof[0][0], proof[1][0], proof[2][0])
-                shaped = (part.reshape(*runs, part.shape[1]) for part in proof)
-                return usual_result(change.reshape(*runs, n), active, flat.reshape(runs), *shaped)
-        return StepRun(self, observe, count).step(*stacked).reshaped(runs)
+            flat, change = np.empty(runs, np.int64), np.empty((*runs, n))
+            proof = np.empty((*runs, m)), np.empty((*runs, 4)), np.empty((*runs, m))
+            given, found = _stack(runs, gradients, slack, active), _stack(runs, flat, change, *proof)
+            if direct_step().move.run(*given, direct, *found):
+                return usual_result(change, active, flat, *proof)
+        return StepRun(self, observe, count).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
 
     def _active(self, slack: np.ndarray, previous: ArrayLike | None) -> Bool[np.ndarray, "*runs m"]:
         """What the rule chooses, copied, since it may use its array again; what it is handed cannot be written to."""
@@ -169,6 +164,8 @@ class ConstrainedStep(StepSettings):
             require_shape("previous", previous, slack.shape)
         if FORMULATIONS[self.formulation].takes_all:
             return np.ones(slack.shape, np.bool_)
+        if self.rule is violated:  # no stranger: it needs no looking at
+            return slack <= 0.0
         try:
             active = np.array(self.rule(read_only(slack), previous), order="C")  # type: ignore[operator]
         except ValueError as error:
@@ -181,6 +178,15 @@ class ConstrainedStep(StepSettings):
                 f"from {self.rule!r}"
             )
         return active
+
+
+def _stack(runs: tuple[Any, ...], *arrays: np.ndarray) -> list[np.ndarray]:
+    """The same with one axis of runs."""
+    if not runs:
+        return [array[None] for array in arrays]
+    if len(runs) == 1:
+        return list(arrays)
+    return [array.reshape(math.prod(runs), *array.shape[len(runs) :]) for array in arrays]
 
 
 def _original(whitening: Whitening, change: Float[np.ndarray, "*runs n"]) -> Float[np.ndarray, "*runs n"]:

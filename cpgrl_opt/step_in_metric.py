@@ -45,7 +45,7 @@ def step_in_operator_metric(
             found.append(skipped_result(np.zeros(len(g)), slack[run], on))
             continue
         flat = span.problem
-        result = on_rows(np.vstack([flat.gradient, flat.jacobian]), slack[run], active[run], observe)
+        result = on_rows(np.vstack([flat.gradient, flat.jacobian]), slack[run], active[run].copy(), observe)
         change = span.outside(result.change, slack[run], 0.0)[0]
         found.append(replace(result, change=change, predicted_slack=slack[run] + J @ change))
     return found

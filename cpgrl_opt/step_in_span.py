@@ -48,7 +48,7 @@ def _step_one(
             continue
         seen.clear()
         try:
-            result = on_rows(np.vstack([small.gradient, small.jacobian]), slack, active, see)
+            result = on_rows(np.vstack([small.gradient, small.jacobian]), slack, active.copy(), see)
         except DirectionError:  # the rows may have what their coordinates have not
             continue
         if result.counts["skipped"]:

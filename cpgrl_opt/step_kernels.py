@@ -13,6 +13,8 @@ from .machine_code import CompiledLate
 _MATRIX, _CUBE, _MASK = "float64[:, ::1]", "float64[:, :, ::1]", "boolean[:, ::1]"
 
 
+# What counts as 0 of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
+NEGLIGIBLE = 1e-10
 _LARGE = 2.0**400  # rows between 1/_LARGE and _LARGE can be divided by their squared length without a thought
 
 
@@ -80,9 +82,9 @@ def predict(gradients: Any, slack: Any, change: Any, predicted: Any) -> None:
                 predicted[b, i] += gradients[b, 1 + i, j] * change[b, j]
 
 
-@_kernel(_MATRIX, _CUBE, "float64", "boolean[::1]", returns="boolean")
-def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any) -> Any:
-    """Whether ‖s‖ ≤ relative · ‖Δ¹‖, by run, and whether any is; the largest entry first, as squares may overflow."""
+@_kernel(_MATRIX, _CUBE, "boolean[::1]", returns="boolean")
+def mark_vanishing(tangent: Any, gradients: Any, vanishing: Any) -> Any:
+    """Whether ‖s‖ ≤ NEGLIGIBLE · ‖Δ¹‖, by run, and whether any is; the largest entry first, as squares may overflow."""
     runs, n = tangent.shape
     found = False
     for b in range(runs):
@@ -90,7 +92,7 @@ def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any
         for j in range(n):
             largest = max(largest, abs(tangent[b, j]))
             limit = max(limit, abs(gradients[b, 0, j]))
-        if largest > relative * n * limit:  # the usual case, seen without a square
+        if largest > NEGLIGIBLE * n * limit:  # the usual case, seen without a square
             vanishing[b] = False
             continue
         if largest > 0.0 and limit > 0.0:
@@ -99,6 +101,6 @@ def mark_vanishing(tangent: Any, gradients: Any, relative: float, vanishing: Any
                 squares += (tangent[b, j] / largest) ** 2
                 square += (gradients[b, 0, j] / limit) ** 2
             largest, limit = largest * np.sqrt(squares), limit * np.sqrt(square)
-        vanishing[b] = largest <= relative * limit
+        vanishing[b] = largest <= NEGLIGIBLE * limit
         found = found or vanishing[b]
     return found

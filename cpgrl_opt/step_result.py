@@ -56,18 +56,25 @@ def nothing(runs: tuple[Any, ...]) -> Int[np.ndarray, "*runs"]:
     return zeros
 
 
+@cache
+def _counted_nothing(runs: tuple[Any, ...]) -> dict[str, Int[np.ndarray, "*runs"]]:
+    return dict.fromkeys(COUNTS, nothing(runs))
+
+
 def usual_result(
     change: Float[np.ndarray, "*runs n"],
     active: Bool[np.ndarray, "*runs m"],
     flat: Int[np.ndarray, "*runs"],
-    *proof: Float[np.ndarray, "*runs k"],
+    multipliers: Float[np.ndarray, "*runs m"] | None = None,
+    residuals: Float[np.ndarray, "*runs 4"] | None = None,
+    predicted_slack: Float[np.ndarray, "*runs m"] | None = None,
 ) -> StepResult:
-    """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
-    counts = {**dict.fromkeys(COUNTS, nothing(flat.shape)), "flat": flat}
+    """What `direct_step.move` did: nothing but `flat` is counted."""
     result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
-    multipliers, residuals, predicted = proof or (None, None, None)
-    vars(result).update(change=change, active=active, stationary=np.zeros(flat.shape, np.bool_), counts=counts)
-    vars(result).update(multipliers=multipliers, residuals=residuals, predicted_slack=predicted)
+    known = vars(result)
+    known["change"], known["active"], known["stationary"] = change, active, np.zeros(flat.shape, np.bool_)
+    known["counts"] = {**_counted_nothing(flat.shape), "flat": flat}
+    known["multipliers"], known["residuals"], known["predicted_slack"] = multipliers, residuals, predicted_slack
     return result
 
 
@@ -75,11 +82,6 @@ def skipped_result(zero: Any, slack: Float[np.ndarray, "m"], active: Bool[np.nda
     """A run that stays where it is; zero: its change."""
     counts = {name: np.array(name == "skipped", np.int64) for name in COUNTS}
     return StepResult(zero, active, np.array(False), counts, np.zeros(len(slack)), np.full(4, np.nan), slack.copy())
-
-
-def empty_proof(runs: int, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Room for multipliers, residuals and predicted slack."""
-    return np.empty((runs, m)), np.empty((runs, 4)), np.empty((runs, m))
 
 
 def stack_results(results: Sequence[StepResult], runs: tuple[Any, ...], n: int, m: int) -> StepResult:

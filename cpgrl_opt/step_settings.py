@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
-from .arrays import ArrayLike, Number
+from .arrays import ArrayLike, Float, Number
 from .direction import DirectionBatch
-from .drop_rule import NEGLIGIBLE
 from .formulation import FORMULATIONS
 from .metric import Whitening, validated_metric
 from .metric_operator import ITERATIONS, TOLERANCE, require_limits
@@ -138,19 +137,19 @@ class StepSettings(ReadOnlyArrays):
             )
 
     @cached_property
-    def _direct(self) -> tuple[Any, ...] | None:
-        """Arguments of `direct_step.move`; None where these settings need more than it does."""
+    def _direct(self) -> Float[np.ndarray, "8"] | None:
+        """What `direct_step.move` takes of these settings; None where they need more than it does."""
         is_plain = self.ridge == 0 and self.max_restoration == np.inf and self.radius is None
         drops_always = self.formulation == "equality" and self.drop == "always"
         if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always:
             return None
         of = FORMULATIONS[self.formulation]
         kind = type(self.solver) is Rosen, of.is_equality, of.restores_inside, of.takes_all
-        rates = map(float, (self.step_size, self.restoration_rate, self.slack_fraction))  # type: ignore[arg-type]
-        return *kind, *rates, tolerance_of(self.solver), NEGLIGIBLE
+        rates = self.step_size, self.restoration_rate, self.slack_fraction
+        return np.array([*kind, *rates, tolerance_of(self.solver)], np.float64)
 
-    def usual_way(self, m: int, n: int) -> tuple[Any, ...] | None:
-        """Arguments of `direct_step.move` after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
+    def usual_way(self, m: int, n: int) -> Float[np.ndarray, "8"] | None:
+        """What `direct_step.move` takes, after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
         needs_more = self.rule is not violated or self.metric is not None or is_long(m, n)
         return None if needs_more else self._direct
 

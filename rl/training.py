@@ -167,7 +167,7 @@ def _compiled(
     way = learner.step.usual_way(len(learner.thresholds), parameters.shape[1])
     speaks_for_itself = {"episode", "learned_episodes"} <= vars(type(estimation)).keys()
     if way is not None and speaks_for_itself and isinstance(estimation, LearningEstimation):
-        return estimation, (learner.thresholds.copy(), *way, float(course.max_change))
+        return estimation, (learner.thresholds.copy(), way, float(course.max_change))
     return None, ()
 
 

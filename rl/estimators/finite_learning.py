@@ -15,10 +15,9 @@ _advance, _move = advance.machine_code, move.machine_code
 
 @kernel(
     "int64(uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], float64, float64, "
-    "float64, uint64[:, ::1], float64[:, ::1], float64[::1], boolean, boolean, boolean, boolean, float64, float64, "
-    "float64, float64, float64, float64, float64[:, :, ::1], float64[:, :, ::1], float64[:, :, :, ::1], "
-    "float64[:, :, ::1], "
-    "boolean[:, :, ::1], int64[:, ::1], float64[:, :, ::1])"
+    "float64, uint64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64[:, :, ::1], "
+    "float64[:, :, ::1], float64[:, :, :, ::1], float64[:, :, ::1], boolean[:, :, ::1], int64[:, ::1], "
+    "float64[:, :, ::1])"
 )
 def learn(  # type: ignore[no-untyped-def]
     transitions,
@@ -34,15 +33,7 @@ def learn(  # type: ignore[no-untyped-def]
     random_states,
     averages,
     thresholds,  # (m,)
-    tangent_solver,  # this and the next eight as `move` has them
-    is_equality,
-    restores_inside,
-    takes_all,
-    step_size,
-    restoration_rate,
-    slack_fraction,
-    tolerance,
-    relative,
+    settings,  # as `move` has them
     max_change,
     parameters,  # (1 + K, B, n), the first given, the others filled
     values,  # (K, B, 1 + m), filled, as are the others
@@ -75,10 +66,8 @@ def learn(  # type: ignore[no-untyped-def]
                 active[k, run, i] = slack[run, i] <= 0.0
                 usual = usual and abs(slack[run, i]) < np.inf
         usual = usual and _move(
-            gradients[k], slack, active[k], tangent_solver, is_equality, restores_inside, takes_all, step_size,
-            restoration_rate, slack_fraction, tolerance, relative, flat[k], change[k], multipliers, residuals,
-            predicted,
-        )  # fmt: skip
+            gradients[k], slack, active[k], settings, flat[k], change[k], multipliers, residuals, predicted
+        )
         for run in range(runs):
             for j in range(n):
                 parameters[k + 1, run, j] = parameters[k, run, j] + change[k, run, j]
