@@ -10,15 +10,14 @@ Source: Wilkinson 1963, Rounding Errors in Algebraic Processes (the residual in 
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .arrays import Float, Jacobian, Multipliers, Vector
 from .compensated import products
 from .flat import Flat, flatten
-from .flat_span import SpanFlat
 from .problem import DirectionProblem
 from .scaling import UnitRows, norm, unit_rows
 from .vectors import Certificate
@@ -48,35 +47,25 @@ class Evidence:
     exact: tuple[Vector, Vector] | None = None
 
 
-def gather_evidence(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
-    """By passes over long vectors, in float64, and as if in twice the precision: until one is enough."""
-    if problem.metric is None and problem.is_long:
-        yield from _look_in_passes(problem, d, mu, kappa)
-    if problem.is_tree and not problem.vectors.has_rows:
-        return  # there is no other way to look
-    if not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
-        return
+def ways_to_look(problem: DirectionProblem) -> tuple[Any, ...]:
+    """Functions that look at (d, μ, κ), the quickest first; each is None where it sees nothing."""
     if problem.metric is None:
-        yield _look(problem, d, mu, kappa, unit_rows(problem.jacobian))
-    flat = flatten(problem)
-    if flat.failure is not None:
-        return
-    mu, kappa = flat.in_units(d, mu, kappa)[1:]
-    if isinstance(flat, SpanFlat):
-        yield _look_by_products(flat, d, mu, kappa)
-        return
-    if problem.metric is not None and problem.metric.ndim == 1:
-        yield _look(flat.problem, flat.inside(d), mu, kappa, flat.unit)
-    yield _look_closely(flat, d, mu, kappa)
+        if problem.is_tree and not problem.vectors.has_rows:
+            return (_look_in_passes,)  # there is no other way
+        return (_look_in_passes, _look, _look_closely) if problem.is_long else (_look, _look_closely)
+    if callable(problem.metric):
+        return (_look_by_products,)
+    return (_look_in_units, _look_closely) if problem.metric.ndim == 1 else (_look_closely,)
 
 
-def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Iterator[Evidence]:
-    """Over the vectors as they are; at nothing where a square leaves float64."""
+def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
+    """Over long vectors as they are; at nothing where a square leaves float64."""
     lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu, kappa)
     sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
     sizes += [certificate.length] if certificate.length > 0.0 or (problem.vectors.has_rows and d.any()) else []
-    if _SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]:
-        yield read_certificate(certificate, problem, mu, kappa, lengths)
+    if not (_SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]):
+        return None
+    return read_certificate(certificate, problem, mu, kappa, lengths)
 
 
 def read_certificate(
@@ -92,31 +81,52 @@ def read_certificate(
     return Evidence(problem, mu, kappa, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 
 
-def _look(flat: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, rows: UnitRows) -> Evidence:
+def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
     """In float64, where M = I."""
+    return _see(problem, d, mu, kappa, unit_rows(problem.jacobian))
+
+
+def _see(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, rows: UnitRows) -> Evidence:
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        g, J, bound = flat.gradient, flat.jacobian, rows.per_length(flat.bound)
+        g, J, bound = problem.gradient, problem.jacobian, rows.per_length(problem.bound)
         slack = rows.jacobian @ d - bound
-        return Evidence(flat, mu, kappa, norm(kappa * d - g - mu @ J), norm(g), norm(d), rows, bound, slack)
+        return Evidence(problem, mu, kappa, norm(kappa * d - g - mu @ J), norm(g), norm(d), rows, bound, slack)
 
 
-def _look_closely(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
-    """As if in twice the precision; in a full metric by M itself. d: as given, μ and κ in units."""
-    problem, rows, x, L = flat.problem, flat.unit, flat.inside(d), flat.whitening
+def _look_in_units(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
+    """In float64, the metric being one of units."""
+    flat: Any = flatten(problem)
+    if flat.failure is not None:
+        return None
+    mu, kappa = flat.in_units(d, mu, kappa)[1:]
+    return _see(flat.problem, flat.inside(d), mu, kappa, flat.unit)
+
+
+def _look_closely(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
+    """As if in twice the precision; in a full metric by M itself."""
+    flat: Any = flatten(problem)
+    if flat.failure is not None:
+        return None
+    d, mu, kappa = flat.in_units(d, mu, kappa)
+    problem, rows, L = flat.problem, flat.unit, flat.whitening
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        bound = rows.per_length(problem.bound)
+        x, bound = d if L is None else L.direction(d), rows.per_length(problem.bound)
         if L is not None and L.factor.ndim == 2:
             rest, length, slack = _find_terms(flat, d, mu, kappa)
             rest, slack = L.rows(rest), rows.per_length(slack)
         else:
             rest = _find_rest(problem.gradient, problem.jacobian, x, mu, kappa)
             length, slack = norm(x), rows.jacobian @ x - bound
-        strength = norm(problem.gradient)
-        return Evidence(problem, mu, kappa, norm(rest), strength, length, rows, bound, slack, (rest, x))
+        g = problem.gradient  # whose numbers are about 1
+        sizes = math.sqrt(rest @ rest), math.sqrt(g @ g), length
+        return Evidence(problem, mu, kappa, *sizes, rows, bound, slack, (rest, x))
 
 
-def _look_by_products(flat: SpanFlat, d: Vector, mu: Multipliers, kappa: float) -> Evidence:
+def _look_by_products(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
     """By an operator's M itself, in float64: as exact as the products are."""
+    flat: Any = flatten(problem)
+    if flat.failure is not None or not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
+        return None
     problem, rows = flat.problem, flat.unit
     rest, x, slack = flat.look(d, mu, kappa)
     bound, slack = rows.per_length(problem.bound), rows.per_length(slack)
@@ -134,10 +144,10 @@ def _find_rest(g: Vector, J: Jacobian, d: Vector, mu: Multipliers, kappa: float)
 
 
 def _find_terms(flat: Flat, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, float, Multipliers]:
-    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is off; in units, M: (n, n)."""
-    bound = flat.problem.bound
-    n, is_off, d = len(d), bound == -np.inf, flat.in_units(d, mu, kappa)[0]
-    given = np.vstack([flat.matrix, flat.given[1:]])
+    """κMd − g − Jᵀμ, √(dᵀMd) and Jd − b, infinite where a row is off; all in units, M: (n, n)."""
+    bound, n, e = flat.problem.bound, len(d), flat.columns
+    is_off = bound == -np.inf
+    given = np.vstack([np.ldexp(flat.metric, e + e[:, None]), flat.given[1:]])
     last = np.concatenate([np.zeros(n), np.where(is_off, 0.0, -bound)])
     hi, lo = products(np.column_stack([given, last]), np.append(d, 1.0))
     slack = np.where(is_off, np.inf, hi[n:] + lo[n:])

@@ -65,8 +65,8 @@ def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
 
 def is_missed(bound: Multipliers, slack: Multipliers, equality: Mask) -> bool:
     """The same of b̂ and Ĵd − b̂."""
-    asked = demand(bound, equality)
-    return bool(demand(-slack, equality).max(initial=0.0) > _MISSED * asked.min(initial=np.inf, where=asked > 0.0))
+    asked, lack = np.where(equality, np.abs(bound), bound), np.where(equality, np.abs(slack), -slack)
+    return bool(lack.max(initial=0.0) > _MISSED * asked.min(initial=np.inf, where=asked > 0.0))
 
 
 def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:

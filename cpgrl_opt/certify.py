@@ -37,7 +37,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ._evidence import Evidence, gather_evidence, read_certificate
+from ._evidence import Evidence, read_certificate, ways_to_look
 from ._violation import (
     FARKAS_TOLERANCE,
     excess_violation,
@@ -54,7 +54,7 @@ from ._violation import (
 from .arrays import Float, Multipliers, Vector
 from .direction import Direction, KKTResiduals, Status
 from .problem import DirectionProblem
-from .scaling import demand, norm
+from .scaling import norm
 from .validation import real_values, require_shape
 from .vectors import Certificate
 
@@ -183,8 +183,9 @@ def _look_and_measure(problem: DirectionProblem, answer: Direction) -> tuple[KKT
     """The residuals, and what they were measured on; hopeless where nothing tells."""
     kappa = 1.0 if problem.radius is None else answer.radius_multiplier
     d = problem.row_of(answer.value) if problem.is_tree else answer.value
-    for seen in gather_evidence(problem, d, answer.multipliers, kappa):
-        residuals = _measure(seen)
+    for look in ways_to_look(problem):
+        seen = look(problem, d, answer.multipliers, kappa)
+        residuals = None if seen is None else _measure(seen)
         if residuals is not None:
             return residuals, seen
     return _HOPELESS, None
@@ -207,7 +208,7 @@ def _measure(seen: Evidence, *, doubtful: float = _DOUBTFUL) -> KKTResiduals | N
         stationarity = _forgive_rounding(seen, mu, pull, force, doubtful)
     if not (stationarity < math.inf and max(length, force) < math.inf):
         return None
-    missed = largest(demand(-slack, seen.problem.equality))
+    missed = float(np.where(inequality, -slack, np.abs(slack)).max(initial=0.0))
     negative = float(-mu.min(initial=0.0, where=inequality))
     least = float(np.abs(np.minimum(mu, slack)).max(initial=0.0, where=inequality))
     primal, dual = max(0.0, missed, -room), max(0.0, negative, -pull)

@@ -9,7 +9,6 @@ than 1e-300 of what it is compared with; whitening the problem as it was given c
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from operator import is_
 from typing import Any
 
@@ -21,7 +20,7 @@ from .flat_span import SpanFlat
 from .metric import Whitening
 from .metric_operator import OperatorMetric
 from .problem import DirectionProblem
-from .scaling import UnitRows, demand, unit_rows
+from .scaling import UnitRows, unit_rows
 
 # What is asked for beyond it is as far out of reach as it is.
 _LARGEST = 1e300
@@ -39,24 +38,8 @@ class Flat:
     rows: Int[np.ndarray, "m"]
     length: int
     force: int
-
-    @cached_property
-    def unit(self) -> UnitRows:
-        """Of the problem's rows."""
-        return unit_rows(self.problem.jacobian)
-
-    @property
-    def matrix(self) -> Float[np.ndarray, "n n"]:
-        """M̃, of a full M."""
-        return np.asarray(np.ldexp(self.metric, self.columns + self.columns[:, None]))
-
-    @property
-    def failure(self) -> Status | None:
-        """NUMERICAL_ERROR where a number overflowed."""
-        flat = self.problem
-        asked = demand(flat.bound, flat.equality)
-        is_finite = np.isfinite(flat.gradient).all() and np.isfinite(flat.jacobian).all() and (asked < np.inf).all()
-        return None if is_finite else Status.NUMERICAL_ERROR
+    failure: Status | None  # NUMERICAL_ERROR where a number overflowed
+    unit: UnitRows
 
     def in_units(self, d: Vector, mu: Multipliers, kappa: float) -> tuple[Vector, Multipliers, float]:
         """(d̃, μ̃, κ̃) of (d, μ, κ)."""
@@ -114,9 +97,13 @@ def _flatten(problem: DirectionProblem) -> Flat:
         beyond = np.ldexp(bound, -rows - length)  # of a tiny radius
         bound = np.where(np.isfinite(bound), np.clip(beyond, -_LARGEST, _LARGEST), bound)
         vectors = given if whitening is None else whitening.rows(given)
+        unit = unit_rows(vectors[1:])
         radius = None if radius is None else float(np.ldexp(radius, -length))
+    is_finite = np.isfinite(vectors).all() and (np.where(problem.equality, np.abs(bound), bound) < np.inf).all()
+    failure = None if is_finite else Status.NUMERICAL_ERROR
     flat = DirectionProblem.trusted(vectors[0], vectors[1:], bound, problem.equality, radius)
-    return Flat(flat, given, problem.metric, whitening, np.broadcast_to(columns, (problem.n,)), rows, length, force)
+    columns = np.broadcast_to(columns, vectors[0].shape)
+    return Flat(flat, given, problem.metric, whitening, columns, rows, length, force, failure, unit)
 
 
 def _largest_exponents(vectors: Float[np.ndarray, "k n"], shift: Any) -> Int[np.ndarray, "k"]:

@@ -100,9 +100,9 @@ def validated_metric(
     diagonal = M if axes == 1 else M.diagonal()
     if not (diagonal > 0).all():
         raise ValueError(f"metric should have positive diagonal entries; found {diagonal.min()}")
-    if axes == 1:
-        return M, Whitening(np.sqrt(M))
-    return _factorized(M)
+    M, whitening = (M, Whitening(np.sqrt(M))) if axes == 1 else _factorized(M)
+    _ = whitening.balanced  # once, and not when somebody solves
+    return M, whitening
 
 
 def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:

@@ -146,8 +146,7 @@ class DirectionProblem:
     ) -> "DirectionProblem":
         """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         problem = object.__new__(cls)
-        _set_fields(problem, gradient, jacobian, bound, equality)
-        vars(problem).update(is_long=is_long(*jacobian.shape), radius=radius)
+        _set_fields(problem, gradient, jacobian, bound, equality, is_long=is_long(*jacobian.shape), radius=radius)
         return problem
 
     def copied(self) -> "DirectionProblem":
@@ -200,11 +199,6 @@ def in_form(problem: DirectionProblem, found: Direction) -> Direction:
     """An answer in one array of float64 in the form of g; NUMERICAL_ERROR where d leaves the dtypes of g's leaves."""
     value = problem.as_given(problem.row_of(found.value))
     return replace(found, value=value) if problem.is_representable(value) else nothing(problem, Status.NUMERICAL_ERROR)
-
-
-def needs_the_metric_itself(problem: DirectionProblem) -> bool:
-    """Whether M is more than units of single parameters: rounding of what stands for it could hide errors."""
-    return problem.metric is not None and getattr(problem.metric, "ndim", 2) != 1
 
 
 def without_geometry(problem: DirectionProblem) -> DirectionProblem:
@@ -365,12 +359,14 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         return problem
 
 
-def _set_fields(frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray) -> None:
+def _set_fields(
+    frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray, **more: Any
+) -> None:
     # In the way of every update of a training, so without a call for each array.
     arrays = g, J, b, E = g.view(), J.view(), b.view(), is_equality.view()
     for array in arrays:
         array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
-    vars(frozen).update(gradient=g, jacobian=J, bound=b, equality=E)
+    vars(frozen).update(gradient=g, jacobian=J, bound=b, equality=E, **more)
 
 
 def _arrays(of: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -41,8 +41,8 @@ class UnitRows:
 
 def unit_rows(jacobian: Jacobian) -> UnitRows:
     """Ĵ with unit rows: scaled by the largest entry first, so that rows of 1e±170 neither over- nor underflow."""
-    squares = _squares(jacobian)
-    if _are_safe(squares):
+    squares, are_safe = _squares(jacobian)
+    if are_safe:
         norms = np.sqrt(squares)
         return UnitRows(jacobian / norms[:, None], norms, np.ones(len(norms)))
     rows, largest, relative = _largest_first(jacobian)
@@ -54,8 +54,8 @@ def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch
 
     Bit for bit the same whatever vectors stand beside v: a run's numbers may not depend on other runs.
     """
-    squares = _squares(vectors)
-    if _are_safe(squares):
+    squares, are_safe = _squares(vectors)
+    if are_safe:
         return np.asarray(np.sqrt(squares))
     _, largest, relative = _largest_first(vectors)
     safe = (squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1])
@@ -75,14 +75,11 @@ def norm(vector: np.ndarray) -> float:
     return math.sqrt(square) if _SAFE_SQUARES[0] < square < _SAFE_SQUARES[1] else float(lengths(vector))
 
 
-def _squares(vectors: np.ndarray) -> np.ndarray:
+def _squares(vectors: np.ndarray) -> tuple[np.ndarray, bool]:
+    """v·v, and whether every one may be used as it is; NaN, infinities and 0 may not."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        return np.asarray(np.vecdot(vectors, vectors))
-
-
-def _are_safe(squares: np.ndarray) -> bool:
-    """Whether every v·v may be used as it is; NaN, infinities and 0 may not."""
-    return squares.size > 0 and bool(squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1])
+        squares = np.asarray(np.vecdot(vectors, vectors))
+    return squares, squares.size > 0 and bool(squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1])
 
 
 def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

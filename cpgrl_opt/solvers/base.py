@@ -5,15 +5,15 @@ from typing import ClassVar
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
-from ..settings import CheckedSettings
-from .geometry import solve_batch_in_geometry, solve_in_geometry
+from .exact_core import project, project_batch, solve_small_exactly
+from .geometry import RowSolver, solve_batch_in_geometry, solve_in_geometry
 from .interface import no_answers, unsupported
 from .pipeline import solve_by
 from .small_problem import SmallAnswer, SmallProblem
 from .span import solve_in_span
 
 
-class Solver(CheckedSettings):
+class Solver(RowSolver):
     """Base of a frozen dataclass of settings; its `solve_rows` answers problems with M = I, no ball, short vectors.
 
     `solve` and `solve_batch` bring all others there: long vectors are taken to the coordinates of their own span (see
@@ -22,20 +22,13 @@ class Solver(CheckedSettings):
 
     takes_geometry: ClassVar[bool] = True
     declines_by_itself: ClassVar[bool] = True
-    is_exact: ClassVar[bool] = False  # its core is `exact_core`
-
-    tolerance: float
-
-    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
-        """Equalities, cones and bounds."""
-        return True
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`."""
         if problem.metric is not None or problem.radius is not None:
             return solve_in_geometry(self, problem)
         if problem.is_long:
-            return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.is_exact)
+            return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.tangent is False)
         return self.solve_rows(problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
@@ -49,21 +42,23 @@ class Solver(CheckedSettings):
             return DirectionBatch.stack([self.solve(problem) for problem in stacked])
         return self.solve_rows_batch(stacked)
 
+
+class ExactSolver(Solver):
+    """Base of a solver whose core is the exact one, compiled; `tangent` says of which problems."""
+
+    tangent: ClassVar[bool] = False
+
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The direction of a problem with M = I, no ball and short vectors, with a status that the referee granted."""
-        raise NotImplementedError
+        """The certified direction, in one compiled call; in more where rows nearly depend."""
+        return project(problem, self.tolerance, tangent=self.tangent)
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
-        """B such problems."""
-        return DirectionBatch.stack([self.solve_rows(problem) for problem in problems])
+        """B problems in one compiled call, each exactly as `solve_rows` answers it."""
+        return project_batch(problems, self.tolerance, tangent=self.tangent)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The core: x and μ of the small problem, as far as the method gets."""
-        raise NotImplementedError
-
-    def climb(self, problems: ProblemBatch) -> DirectionBatch | None:  # noqa: ARG002
-        """Problems in balls, M = I, by a compiled pass; None where there is none."""
-        return None
+        """The exact core, as the ball's search asks it."""
+        return solve_small_exactly(small, tangent=self.tangent)
 
 
 class SmallSolver(Solver):

@@ -6,6 +6,8 @@ The direct pass answers where rows are well apart, `thorough` the rest. M = I, n
 checked but that NaN and overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ..direction import Direction, DirectionBatch, KKTResiduals, Status
@@ -41,17 +43,8 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
     """B problems, each exactly as `project` answers it."""
     count, m, n = problems.jacobian.shape
     value, multipliers, report = np.empty((count, n)), np.empty((count, m)), np.empty((6, count))
-    project_directly.machine_code(
-        tangent,
-        problems.gradient.reshape(-1),
-        problems.jacobian.reshape(-1, n),
-        problems.bound.reshape(-1),
-        problems.equality.reshape(-1),
-        tolerance,
-        value.reshape(-1),
-        multipliers.reshape(-1),
-        report.reshape(-1),
-    )
+    found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
+    project_directly.run(tangent, *_end_to_end(problems), tolerance, *found)
     status, iterations = report[:2].astype(np.int64)
     left = np.flatnonzero(status)  # OPTIMAL is 0
     if left.size:
@@ -62,26 +55,33 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
     return DirectionBatch(value, multipliers, status, iterations, None, report[2:].T, np.full(count, "rows"))
 
 
-def climb(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
-    """The usual problems in balls, M = I: OPTIMAL with its certificate, or UNCERTIFIED, which is no answer."""
+def climb(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction | None:
+    """The usual problem in a ball, M = I; None where the compiled pass has no certified answer."""
+    g, J, b, E = problem.gradient, problem.jacobian, problem.bound, problem.equality
+    value, multipliers, report = np.zeros(len(g)), np.zeros(len(b)), np.empty(7)
+    climb_directly.run(tangent, g, J, b, E, np.array([problem.radius]), tolerance, value, multipliers, report)
+    status, changes, *parts, kappa = report.tolist()
+    if status == OPEN:
+        return None
+    return Direction(value, multipliers, _OPTIMAL, int(changes), kappa, KKTResiduals(*parts), "rows")
+
+
+def climb_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
+    """B such problems: OPTIMAL with its certificate, or UNCERTIFIED, which is no answer."""
     count, m, n = problems.jacobian.shape
     value, multipliers, report = np.zeros((count, n)), np.zeros((count, m)), np.empty((7, count))
-    climb_directly.run(
-        tangent,
-        problems.gradient.reshape(-1),
-        problems.jacobian.reshape(-1, n),
-        problems.bound.reshape(-1),
-        problems.equality.reshape(-1),
-        np.asarray(problems.radius),
-        tolerance,
-        value.reshape(-1),
-        multipliers.reshape(-1),
-        report.reshape(-1),
-    )
+    found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
+    climb_directly.run(tangent, *_end_to_end(problems), np.asarray(problems.radius), tolerance, *found)
     status = np.where(report[0] == OPEN, Status.UNCERTIFIED, Status.OPTIMAL)
     residuals, kappa = report[2:6].T.copy(), np.where(status, 0.0, report[6])
     residuals[status != 0] = np.nan
     return DirectionBatch(value, multipliers, status, report[1].astype(int), kappa, residuals, np.full(count, "rows"))
+
+
+def _end_to_end(problems: ProblemBatch) -> tuple[Any, ...]:
+    """The arrays as the kernels take them: problems one after the other."""
+    rows = problems.jacobian.reshape(-1, problems.jacobian.shape[2])
+    return problems.gradient.reshape(-1), rows, problems.bound.reshape(-1), problems.equality.reshape(-1)
 
 
 def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:

@@ -20,12 +20,12 @@ def pivoted_qr(
     """(Q, R, order): Q (n, r) orthonormal, R (r, p) upper triangular, columns[:, order] = Q R to the tolerance."""
     n, count = columns.shape
     lapack = _lapack()
-    factors, order, tau, _, info = lapack.dgeqp3(columns, lwork=3 * count + 64)
-    _require_success(info)
+    factors, order, tau, _, found = lapack.dgeqp3(columns, lwork=3 * count + 64)
     R = np.triu(factors[: min(n, count)])
     rank = int((np.abs(R.diagonal()) > tolerance).sum())
     Q, _, info = lapack.dorgqr(factors[:, :rank], tau[:rank], lwork=max(1, 32 * rank))
-    _require_success(info)
+    if found or info:
+        _require_success(found or info)
     return Q, R[:rank], order - 1
 
 

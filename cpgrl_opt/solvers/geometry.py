@@ -9,7 +9,7 @@ with M itself. Source: Golub & Van Loan, Matrix Computations, §4.2 (whitening b
 
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,52 +17,49 @@ from ..certify import certify
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
 from ..flat_span import SpanFlat
-from ..problem import DirectionProblem, ProblemBatch, in_form, needs_the_metric_itself, nothing
+from ..problem import DirectionProblem, ProblemBatch, in_form, nothing
+from ..settings import CheckedSettings
+from .exact_core import climb, climb_batch
 from .infeasibility import infeasible_direction
 from .interface import unsupported
 from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .span import solve_in_span
-from .trust_region import sharpen, solve_in_ball
+from .trust_region import climb_on_face, solve_in_ball
 
 # A residual that a look at the rows as given would hardly mend.
 _SHARP = 1e-12
 _ARRAYS = ("gradient", "jacobian", "bound", "equality")
 
 
-class Around(Protocol):
-    """What a metric and a ball are put around."""
+class RowSolver(CheckedSettings):
+    """What a metric, a ball and long vectors are put around: problems with M = I, no ball, short vectors."""
 
-    @property
-    def tolerance(self) -> float:
-        """The worst residual of an OPTIMAL answer."""
-        ...
+    tangent: ClassVar[bool | None] = None  # of the exact core, where that is the solver's: takes equalities only
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """Whether it takes the problem."""
-        ...
+    tolerance: float  # the worst residual of an OPTIMAL answer
+
+    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
+        """Equalities, cones and bounds."""
+        return True
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """Any problem."""
-        ...
+        """Any problem's certified direction; see `Status`."""
+        raise NotImplementedError
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """With M = I, no ball, short vectors."""
-        ...
-
-    def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The core alone."""
-        ...
+        """The direction of such a problem, with a status that the referee granted."""
+        raise NotImplementedError
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """B such problems."""
-        ...
+        return DirectionBatch.stack([self.solve_rows(problem) for problem in problems])
 
-    def climb(self, problems: ProblemBatch) -> DirectionBatch | None:
-        """Problems in balls, M = I, as far as a compiled pass gets; None where there is none."""
-        ...
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The core: x and μ of the small problem, as far as the method gets."""
+        raise NotImplementedError
 
 
-def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
+def solve_in_geometry(solver: RowSolver, problem: DirectionProblem) -> Direction:
     """The answer to a problem with a metric, a radius or both; UNSUPPORTED where the solver takes no such rows."""
     if not solver.supports(problem):
         return unsupported(problem)
@@ -71,51 +68,60 @@ def solve_in_geometry(solver: Around, problem: DirectionProblem) -> Direction:
     return _solve_whole(solver, problem)
 
 
-def _solve_whole(solver: Around, problem: DirectionProblem) -> Direction:
+def _solve_whole(solver: RowSolver, problem: DirectionProblem) -> Direction:
     """In all n parameters, but where the metric leaves a long problem in a ball."""
-    if problem.metric is None and (quick := _climb(solver, problem)) is not None:
-        return quick
+    quick, tangent = None, solver.tangent
+    if problem.metric is None and tangent is not None and not problem.is_long:
+        quick = climb(problem, solver.tolerance, tangent=tangent)
+        if quick is not None:
+            return quick
     flat = flatten(problem)
     if flat.failure is not None:
         return nothing(problem, flat.failure)
     if problem.radius is None:
         answer = (solver.solve if flat.problem.is_long else solver.solve_rows)(flat.problem)
         return _bring_back(problem, flat, answer, solver.tolerance)
-    quick = None
-    if problem.metric is not None:
-        quick = solve_in_geometry(solver, flat.problem) if flat.problem.is_long else _climb(solver, flat.problem)
-    found = _try(solver, problem, flat, quick or solve_in_ball(solver.solve_small, flat.problem))
+    if problem.metric is not None and flat.problem.is_long:
+        quick = solve_in_geometry(solver, flat.problem)
+    elif problem.metric is not None and tangent is not None:
+        quick = climb(flat.problem, solver.tolerance, tangent=tangent)
+    found = _try(solver, problem, flat, quick or solve_in_ball(solver.solve_small, flat))
     if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR):
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
-    again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat.problem)
+    again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat)
     return _try(solver, problem, flat, again)
 
 
-def _try(solver: Around, problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction) -> Direction:
+def _try(solver: RowSolver, problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction) -> Direction:
     """What is found in the ball, and, where that is not sharp, what its face says by the rows as given."""
     found = _bring_back(problem, flat, answer, solver.tolerance)
-    is_sharp = found.residuals is not None and found.residuals.worst <= _SHARP
+    is_sharp = found.residuals is not None and max(found.residuals) <= _SHARP
     if is_sharp or isinstance(flat, SpanFlat) or found.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
         return found
-    sharper = sharpen(flat.problem, answer)
-    if sharper is None:
-        return found
-    again = _bring_back(problem, flat, replace(sharper, status=Status.OPTIMAL), solver.tolerance)
-    if again.residuals is None or (found.residuals is not None and found.residuals.worst <= again.residuals.worst):
-        return found
-    return again
+    held, rows = problem.equality | (answer.multipliers != 0.0), flat.problem
+    small = SmallProblem(rows.gradient, rows.jacobian, rows.bound, rows.equality)
+    is_face = (rows.bound[held] > -np.inf).all()
+    for value, mu, kappa in climb_on_face(small, float(rows.radius or 0.0), held) if is_face else ():
+        sharper = Direction(value, mu, Status.OPTIMAL, answer.iterations, kappa, rung="rows")
+        again = _bring_back(problem, flat, sharper, solver.tolerance)
+        if again.residuals is not None and (found.residuals is None or again.residuals.worst < found.residuals.worst):
+            found = again
+    return found
 
 
-def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> DirectionBatch:
+def solve_batch_in_geometry(solver: RowSolver, problems: ProblemBatch) -> DirectionBatch:
     """B problems, each as alone; what a compiled pass does is done together."""
     if callable(problems.metric):  # each in coordinates of its own
         return DirectionBatch.stack([solver.solve(problem) for problem in problems])
     flats = [] if problems.metric is None else list(map(flatten, problems))
     flat_batch = _stack([each.problem for each in flats]) if flats else problems
-    answers = solver.solve_rows_batch(flat_batch) if problems.radius is None else solver.climb(flat_batch)
-    if answers is None or any(each.failure is not None for each in flats):
+    if any(each.failure is not None for each in flats) or (problems.radius is not None and solver.tangent is None):
         return DirectionBatch.stack([solver.solve(problem) for problem in problems])
+    if problems.radius is None:
+        answers = solver.solve_rows_batch(flat_batch)
+    else:
+        answers = climb_batch(flat_batch, solver.tolerance, tangent=bool(solver.tangent))
     left = answers.status != Status.OPTIMAL
     if not flats:
         again = [solver.solve(problem) for problem in problems.chosen(left)]
@@ -125,15 +131,6 @@ def solve_batch_in_geometry(solver: Around, problems: ProblemBatch) -> Direction
         is_open = is_open and problems.radius is not None
         found.append(solver.solve(problem) if is_open else _bring_back(problem, flat, answer, solver.tolerance))
     return DirectionBatch.stack(found)
-
-
-def _climb(solver: Around, flat: DirectionProblem) -> Direction | None:
-    """The answer of the compiled pass, where it has one."""
-    if flat.is_long:
-        return None
-    alone = flat.gradient[None], flat.jacobian[None], flat.bound[None], flat.equality[None], np.array([flat.radius])
-    answers = solver.climb(ProblemBatch.trusted(*alone))
-    return answers[0] if answers is not None and answers.status[0] == Status.OPTIMAL else None
 
 
 def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
@@ -153,7 +150,7 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return nothing(problem, Status.NUMERICAL_ERROR, iterations)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
-    if answer.residuals is not None and not needs_the_metric_itself(problem):
+    if answer.residuals is not None and (problem.metric is None or getattr(problem.metric, "ndim", 2) == 1):
         found = replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     else:
         found = certify(problem, found, tolerance, infeasible_direction)

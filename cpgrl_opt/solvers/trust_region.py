@@ -16,28 +16,28 @@ Source: Rockafellar, Convex Analysis, §28 (κ); Best 1996, the path of parametr
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from .._violation import is_missed
 from ..arrays import Bool, Float, Multipliers, Vector
 from ..direction import Direction, Status
-from ..problem import DirectionProblem
-from ..projection import RANK_TOLERANCE
-from ..scaling import UnitRows, demand, lengths, norm, unit_rows
+from ..flat import Flat
+from ..flat_span import SpanFlat
+from ..problem import DirectionProblem, ProblemBatch
+from ..scaling import demand, lengths, norm
 from .ball_violation import least_violation_in_ball
-from .exact_core import project
-from .factorization import pivoted_qr, solve_upper
+from .exact_core import project, project_batch
 from .infeasibility import VIOLATION_TOLERANCE, least_violation
-from .polishing import nonnegative_weights, off_span
-from .small_problem import NEGLIGIBLE_BOUND, Core, SmallAnswer, SmallProblem, as_problem, reduce_problem
+from .polishing import nonnegative_weights
+from .small_problem import NEGLIGIBLE_BOUND, Core, SmallProblem, as_problem, reduce_problem
 
 _EPS = float(np.finfo(np.float64).eps)
-# An error that ends the search; and one that nothing mends.
-_EXACT, _SHARP = 1e-12, 1e-14
-# ‖p‖ below this is what rounding leaves of 0.
+# An error that ends the search.
+_EXACT = 1e-12
+# ‖p‖/‖g‖ below this is what rounding leaves of 0.
 _NEGLIGIBLE = 1e-13
 # Rows this near to their bound may hold the shortest of several best points.
 _NEARLY_TIGHT = 1e-9
@@ -63,98 +63,89 @@ class BallAnswer:
     iterations: int = 0
 
 
-def solve_in_ball(core: Core, problem: DirectionProblem) -> Direction:
-    """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge. M = I.
+def solve_in_ball(core: Core, flat: Flat | SpanFlat) -> Direction:
+    """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge.
 
     Where the radius is huge beside all bounds they would be rounding in its unit. So it is a smaller ball at first,
     whose answer is that of the other where it ends inside.
     """
-    ball = _Ball.of(problem, float(problem.radius or 0.0))
+    ball = _Ball.of(flat, float(flat.problem.radius or 0.0))
     named = float(np.abs(ball.small.bound).max(initial=0.0))
     if 0.0 < named < 1.0 / (_HUGE * _WIDE):
-        near = _Ball.of(problem, ball.radius * named * _WIDE)
-        found = _solve(core, near)
+        near = _Ball.of(flat, ball.radius * named * _WIDE)
+        found = _search(core, near.small)
         if found.error <= _EXACT and norm(found.point) < 1.0 - _ROUNDING:
             return near.outside(found)
-    return ball.outside(_solve(core, ball))
+    return ball.outside(_search(core, ball.small))
 
 
-def sharpen(problem: DirectionProblem, found: Direction) -> Direction | None:
-    """The answer on the face that `found` names, by the exact core on the rows as given; None where it finds none.
+def climb_on_face(small: SmallProblem, radius: float, face: Bool[np.ndarray, "m"]) -> list[Any]:
+    """(x, μ, κ) on the sphere, and of x = q where q is the end of the path; see the module's head.
 
-    Unit rows are rounded, which tilts rows at an angle θ by eps/θ, and d with them.
+    Unit rows are rounded, which tilts rows at an angle θ by eps/θ, and d with them: for the last digits rows as given.
     """
-    held = problem.equality | (found.multipliers != 0.0)
-    on = np.where(held, problem.bound, -np.inf)
-    if (held & (on == -np.inf)).any():
-        return None
-    g, radius = problem.gradient, float(problem.radius or 0.0)
-    shortest = project(
-        DirectionProblem.trusted(np.zeros_like(g), problem.jacobian, on, held), _NEARLY_TIGHT, tangent=True
-    )
-    along = project(
-        DirectionProblem.trusted(g, problem.jacobian, np.where(held, 0.0, -np.inf), held), _NEARLY_TIGHT, tangent=True
-    )
-    q, p = norm(shortest.value), norm(along.value)
-    if not (shortest.status == along.status == Status.OPTIMAL and q < radius and p > 0.0):
-        return None
-    kappa = p / (math.sqrt(1.0 - (q / radius) ** 2) * radius)
-    multipliers = kappa * shortest.multipliers + along.multipliers
-    return replace(
-        found,
-        value=shortest.value + along.value / kappa,
-        multipliers=multipliers,
-        radius_multiplier=kappa,
-        residuals=None,
-    )
-
-
-def _solve(core: Core, ball: "_Ball") -> BallAnswer:
-    """In coordinates, and once more on the rows: unit rows are rounded in coordinates."""
-    reduced, basis = reduce_problem(ball.small)
-    found = _search(core, reduced)
-    lifted = replace(found, point=basis @ found.point)
-    if found.status == Status.INFEASIBLE:
-        return lifted
-    face = ball.small.equality | (found.multipliers > np.maximum(_slack(ball.small, lifted.point), 0.0))
-    lifted = replace(lifted, error=_error(ball.small, lifted.point, lifted.multipliers, lifted.kappa))
-    if lifted.error > _SHARP:
-        lifted = min([lifted, *_on_face(ball.small, face)], key=lambda each: each.error)
-    return replace(lifted, status=found.status, iterations=found.iterations)
+    g, rows, bound = small.center, small.rows[face], small.bound[face]
+    both = np.stack([0.0 * g, g]), np.stack([rows, rows]), np.stack([bound, 0.0 * bound]), np.ones((2, len(rows)), bool)
+    answers, found = project_batch(ProblemBatch.trusted(*both), _NEARLY_TIGHT, tangent=True), list[Any]()
+    if answers.status.any():  # OPTIMAL is 0
+        return []
+    (q, p), (beta, gamma) = answers.value, answers.multipliers
+    length, strength, shortest = math.sqrt(p @ p), math.sqrt(g @ g), math.sqrt(q @ q)
+    if length > _NEGLIGIBLE * strength and shortest < radius:
+        kappa = length / math.sqrt((radius - shortest) * (radius + shortest))
+        found.append((q + p / kappa, face, kappa * beta + gamma, kappa))
+    if length <= math.sqrt(_NEGLIGIBLE) * strength and shortest <= radius:
+        slack = small.rows @ q - small.bound
+        tight = face | (np.abs(slack) <= _NEARLY_TIGHT * radius * lengths(small.rows))
+        none, on = np.zeros(tight.sum()), np.ones(tight.sum(), np.bool_)
+        least = project(DirectionProblem.trusted(g, small.rows[tight], none, on), _NEARLY_TIGHT, tangent=True)
+        found.append((q, tight, least.multipliers, 0.0))
+    for k, (x, on, weights, kappa) in enumerate(found):
+        mu, equality = np.zeros(len(face)), small.equality[on]
+        if (weights[~equality] < 0.0).any():  # dependent rows have many multipliers, few with the right signs
+            weights = nonnegative_weights(small.rows[on].T, kappa * x - g, equality)
+        mu[on] = weights
+        found[k] = x, mu, kappa
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Ball:
-    """A problem in units of a radius and of ‖g‖, on the rows that can matter in the ball."""
+    """A problem in units of a radius and of ‖g‖, on the rows that can matter in the ball, in few coordinates.
 
-    problem: DirectionProblem
+    small: d = radius · basis x; kept: (m,), its rows.
+    """
+
+    flat: Flat | SpanFlat
     small: SmallProblem
-    rows: UnitRows
+    basis: Float[np.ndarray, "n k"]
     kept: Bool[np.ndarray, "m"]
     strength: float
     radius: float
 
     @classmethod
-    def of(cls, problem: DirectionProblem, radius: float) -> "_Ball":
-        rows, strength = unit_rows(problem.jacobian), float(lengths(problem.gradient))
+    def of(cls, flat: Flat | SpanFlat, radius: float) -> "_Ball":
+        problem, rows = flat.problem, flat.unit
+        strength = math.sqrt(problem.gradient @ problem.gradient)  # whose numbers are about 1
         with np.errstate(over="ignore", under="ignore"):
             bound = np.clip(rows.per_length(problem.bound) / radius, -np.inf, _LARGEST_RATIO)
         bound = np.where(problem.equality, np.maximum(bound, -_LARGEST_RATIO), bound)
         kept = (rows.largest > 0.0) & (problem.equality | (bound > NEGLIGIBLE_BOUND))  # in the ball Âx ≥ −1
         center = problem.gradient / (strength or 1.0)
         small = SmallProblem(center, rows.jacobian[kept], bound[kept], problem.equality[kept])
-        return cls(problem, small, rows, kept, strength, radius)
+        return cls(flat, *reduce_problem(small), kept, strength, radius)
 
     def outside(self, found: BallAnswer) -> Direction:
         """In the problem's units."""
-        problem, radius = self.problem, self.radius
-        impossible = (self.rows.largest == 0.0) & (demand(problem.bound, problem.equality) > 0.0)
-        multipliers = np.zeros(problem.m)
+        problem, rows = self.flat.problem, self.flat.unit
+        asks = np.where(problem.equality, problem.bound != 0.0, problem.bound > 0.0)
+        impossible = (rows.largest == 0.0) & asks
+        multipliers = np.zeros(len(asks))
         multipliers[self.kept] = found.multipliers
         strength = 1.0 if found.status == Status.INFEASIBLE else self.strength  # a proof has no unit
         with np.errstate(over="ignore", under="ignore"):
-            point, kappa = found.point * radius, found.kappa * (strength / radius)
-            multipliers = np.where(self.kept, strength * self.rows.per_length(multipliers), 0.0)
+            point, kappa = self.basis @ found.point * self.radius, found.kappa * (strength / self.radius)
+            multipliers = np.where(self.kept, strength * rows.per_length(multipliers), 0.0)
         if impossible.any():
             proof = np.where(impossible, np.sign(problem.bound), 0.0)
             return Direction(point, proof, Status.INFEASIBLE, found.iterations, rung="rows")
@@ -165,10 +156,12 @@ def _search(core: Core, small: SmallProblem) -> BallAnswer:
     """OPTIMAL, INFEASIBLE, or what the core says of its failure."""
     if not small.center.size:  # neither g nor a row
         return BallAnswer(small.center, small.bound, 0.0, 0.0)
-    asks = (demand(small.bound, small.equality) > 0.0).any()
+    asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
     climbs = bool(small.center.any())
     found = _climb(core, small, _FEW_STEPS) if climbs else _shortest(small)
-    if asks and (found.error > _EXACT or is_missed(small.bound, _slack(small, found.point), small.equality)):
+    if asks and (
+        found.error > _EXACT or is_missed(small.bound, small.rows @ found.point - small.bound, small.equality)
+    ):
         missed = _find_miss(core, small)
         if missed is not None:
             return missed
@@ -182,38 +175,29 @@ def _climb(core: Core, small: SmallProblem, most_steps: int) -> BallAnswer:
     best = BallAnswer(0.0 * small.center, np.zeros(len(small.bound)), 0.0, status=Status.NUMERICAL_ERROR)
     low, high, t, changes = 0.0, np.inf, 1.0, 0
     for step in range(most_steps):
-        answer = _project(core, replace(small, center=t * small.center))
-        changes += answer.iterations
-        if not answer.is_usable:
-            if best.status != Status.OPTIMAL:
-                best = replace(best, status=answer.failure or Status.NUMERICAL_ERROR)
-            break
-        suggested = np.nan
-        for candidate in _candidates(small, answer, t):
-            suggested = 1.0 / candidate.kappa if candidate.kappa > 0.0 else suggested
-            best = _better(best, candidate)
+        x, mu, suggested = t * small.center, np.zeros(len(small.bound)), np.nan
+        slack = small.rows @ x - small.bound
+        if not np.where(small.equality, slack == 0.0, slack >= 0.0).all():  # else there is nothing to find
+            answer = core(replace(small, center=x))
+            changes += answer.iterations
+            if not answer.is_usable:
+                if best.status != Status.OPTIMAL:
+                    best = replace(best, status=answer.failure or Status.NUMERICAL_ERROR)
+                break
+            x, mu = np.asarray(answer.point), np.asarray(answer.multipliers)
+            slack = small.rows @ x - small.bound
+        face = small.equality | (mu > np.maximum(slack, 0.0))
+        for each in (*climb_on_face(small, 1.0, face), (x, mu / t, 1.0 / t)):
+            if best.error > _EXACT or each[2] == 0.0:
+                best = _better(best, _judged(small, *each))
+                suggested = 1.0 / each[2] if each[2] > 0.0 and suggested != suggested else suggested
         if best.error <= _EXACT:
             break
-        low, high = (low, t) if norm(np.asarray(answer.point)) > 1.0 else (t, high)
+        low, high = (low, t) if math.sqrt(x @ x) > 1.0 else (t, high)
         t = _next_step(low, high, suggested if step % 3 < 2 else np.nan)
         if t > _LARGEST_STEP or high - low <= 1e-15 * low:
             break
     return replace(best, iterations=changes)
-
-
-def _project(core: Core, small: SmallProblem) -> SmallAnswer:
-    """x(t); cores are asked only where there is something to find, as everywhere."""
-    slack = _slack(small, small.center)
-    if np.where(small.equality, slack == 0.0, slack >= 0.0).all():
-        return SmallAnswer(small.center, np.zeros(len(slack)))
-    return core(small)
-
-
-def _candidates(small: SmallProblem, answer: SmallAnswer, t: float) -> Iterator[BallAnswer]:
-    """x(t) itself, and what its face says."""
-    x, mu = np.asarray(answer.point), np.asarray(answer.multipliers)
-    yield BallAnswer(x, mu / t, 1.0 / t, _error(small, x, mu / t, 1.0 / t))
-    yield from _on_face(small, small.equality | (mu > np.maximum(_slack(small, x), 0.0)))
 
 
 def _better(best: BallAnswer, candidate: BallAnswer) -> BallAnswer:
@@ -234,46 +218,8 @@ def _next_step(low: float, high: float, suggested: float) -> float:
     return 0.5 * (low + high)
 
 
-def _on_face(small: SmallProblem, face: Bool[np.ndarray, "p"]) -> Iterator[BallAnswer]:
-    """x on the sphere, and x = q where q is the end of the path; see the module's head."""
-    basis = Q, R, order = _basis(small.rows[face])
-    q = Q @ solve_upper(R[:, : len(R)], small.bound[face][order[: len(R)]], transposed=True)
-    p = off_span(Q, small.center)
-    length, room = math.sqrt(p @ p), 1.0 - math.sqrt(q @ q)
-    if length > _NEGLIGIBLE and room > 0.0:
-        kappa = length / float(np.sqrt(room * (2.0 - room)))
-        x, mu = q + p / kappa, _weights(small, face, basis, kappa * q - small.center)
-        yield BallAnswer(x, mu, kappa, _error(small, x, mu, kappa))
-    if length <= np.sqrt(_NEGLIGIBLE) and room >= 0.0:
-        tight = face | (np.abs(_slack(small, q)) <= _NEARLY_TIGHT)
-        mu = _weights(small, tight, _basis(small.rows[tight]), -small.center)
-        yield BallAnswer(q, mu, 0.0, _error(small, q, mu, 0.0))
-
-
-def _weights(
-    small: SmallProblem, face: Bool[np.ndarray, "p"], basis: tuple[np.ndarray, np.ndarray, np.ndarray], force: Vector
-) -> Multipliers:
-    """μ with A_𝒜ᵀμ = the force's part in the span of the face's rows, ≥ 0 on I if that is possible."""
-    rows, inequality, (Q, R, order) = small.rows[face], ~small.equality[face], basis
-    rank, target = len(R), Q.T @ force
-    weights, chosen = np.zeros(len(rows)), order[:rank]
-    for _ in range(2):  # one step of refinement: nearly opposing rows have multipliers of 1e9
-        weights[chosen] += solve_upper(R[:, :rank], target - Q.T @ (weights @ rows))
-    if rank < len(rows) and (weights[inequality] < 0.0).any():
-        weights = nonnegative_weights(Q.T @ rows.T, target, ~inequality)
-    multipliers = np.zeros(len(face))
-    multipliers[face] = weights
-    return multipliers
-
-
-def _basis(rows: Float[np.ndarray, "p n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if len(rows) == 0:
-        return np.zeros((rows.shape[1], 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.intp)
-    return pivoted_qr(rows.T, RANK_TOLERANCE)
-
-
-def _error(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> float:
-    """The worst residual, as the referee has it in these units."""
+def _judged(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> BallAnswer:
+    """With the worst residual, as the referee has it in these units."""
     named = np.abs(small.bound[small.bound != 0.0])
     rest, size = kappa * x - small.center - mu @ small.rows, math.sqrt(x @ x)
     unit = max(size, float(named.min(initial=1.0)))
@@ -282,11 +228,7 @@ def _error(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> flo
     stationarity = math.sqrt(rest @ rest) - allowed
     rows = np.where(small.equality, np.abs(slack), np.abs(np.minimum(mu, slack)))  # of −slack and −μ too
     worst = max(stationarity, float(rows.max(initial=0.0)), abs(min(pull, room)))
-    return worst if worst == worst else np.inf
-
-
-def _slack(small: SmallProblem, x: Vector) -> Multipliers:
-    return np.asarray(small.rows @ x - small.bound)
+    return BallAnswer(x, mu, kappa, worst if worst == worst else np.inf)
 
 
 def _shortest(small: SmallProblem) -> BallAnswer:
