@@ -11,7 +11,7 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Self, overload
 
 import numpy as np
 
@@ -31,8 +31,25 @@ from .validation import (
 from .vectors import ArrayVectors, Vectors, is_long
 
 
+class _Arrays:
+    """What a problem and a batch of problems have in common."""
+
+    @classmethod
+    def trusted(
+        cls, gradient: np.ndarray, jacobian: np.ndarray, bound: np.ndarray, equality: np.ndarray, radius: Any = None
+    ) -> Self:
+        """Of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
+        made = object.__new__(cls)
+        # In the way of every update of a training, so without a call for each array.
+        arrays = g, J, b, E = gradient.view(), jacobian.view(), bound.view(), equality.view()
+        for array in arrays:
+            array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
+        vars(made).update(gradient=g, jacobian=J, bound=b, equality=E, radius=radius, is_long=is_long(*J.shape[-2:]))
+        return made
+
+
 @dataclass(frozen=True, init=False, eq=False)
-class DirectionProblem:
+class DirectionProblem(_Arrays):
     """min ½dᵀMd − gᵀd, or max gᵀd in a ball, s.t. Jᵢd ≥ bᵢ, with equality where `equality` says so.
 
     g may be a tree (list, tuple, dict, nested) of arrays too, a PyTorch tensor on the CPU, a JAX array, or of float32;
@@ -140,15 +157,6 @@ class DirectionProblem:
         problem: DirectionProblem = made(*arguments) if self.is_tree else self.copied()
         return problem
 
-    @classmethod
-    def trusted(
-        cls, gradient: Vector, jacobian: Jacobian, bound: Multipliers, equality: Mask, radius: float | None = None
-    ) -> "DirectionProblem":
-        """A problem of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
-        problem = object.__new__(cls)
-        _set_fields(problem, gradient, jacobian, bound, equality, is_long=is_long(*jacobian.shape), radius=radius)
-        return problem
-
     def copied(self) -> "DirectionProblem":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
         g, J, b, E = (array.copy() for array in _arrays(self))
@@ -223,7 +231,7 @@ def euclidean(problem: DirectionProblem) -> DirectionProblem:
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
+class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
     """B direction problems of one shape, stacked; reads as a sequence of `DirectionProblem`.
 
     gradient: (B, n); jacobian: (B, m, n); bound, equality: (B, m). Inside a batch, a constraint that is
@@ -270,21 +278,6 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
             _set_metrics(self, pairs * runs if is_one else pairs)
         if radius is not None:
             object.__setattr__(self, "radius", check_radii(radius, runs))
-
-    @classmethod
-    def trusted(
-        cls,
-        gradient: Float[np.ndarray, "B n"],
-        jacobian: Float[np.ndarray, "B m n"],
-        bound: Float[np.ndarray, "B m"],
-        equality: Bool[np.ndarray, "B m"],
-        radius: Float[np.ndarray, "B"] | None = None,
-    ) -> "ProblemBatch":
-        """A batch of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
-        batch = object.__new__(cls)
-        _set_fields(batch, gradient, jacobian, bound, equality)
-        vars(batch).update(radius=None if radius is None else read_only(radius))
-        return batch
 
     @classmethod
     def stack(cls, problems: Sequence[DirectionProblem]) -> "ProblemBatch":
@@ -357,16 +350,6 @@ class ProblemBatch(ReadOnlyArrays, Sequence[DirectionProblem]):
         if self.radius is not None:
             object.__setattr__(problem, "radius", float(self.radius[index]))
         return problem
-
-
-def _set_fields(
-    frozen: object, g: np.ndarray, J: np.ndarray, b: np.ndarray, is_equality: np.ndarray, **more: Any
-) -> None:
-    # In the way of every update of a training, so without a call for each array.
-    arrays = g, J, b, E = g.view(), J.view(), b.view(), is_equality.view()
-    for array in arrays:
-        array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
-    vars(frozen).update(gradient=g, jacobian=J, bound=b, equality=E, **more)
 
 
 def _arrays(of: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -6,8 +6,6 @@ The direct pass answers where rows are well apart, `thorough` the rest. M = I, n
 checked but that NaN and overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them.
 """
 
-from typing import Any
-
 import numpy as np
 
 from ..direction import Direction, DirectionBatch, KKTResiduals, Status
@@ -44,7 +42,8 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
     count, m, n = problems.jacobian.shape
     value, multipliers, report = np.empty((count, n)), np.empty((count, m)), np.empty((6, count))
     found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
-    project_directly.run(tangent, *_end_to_end(problems), tolerance, *found)
+    g, b, E = problems.gradient.reshape(-1), problems.bound.reshape(-1), problems.equality.reshape(-1)
+    project_directly.run(tangent, g, problems.jacobian.reshape(-1, n), b, E, tolerance, *found)
     status, iterations = report[:2].astype(np.int64)
     left = np.flatnonzero(status)  # OPTIMAL is 0
     if left.size:
@@ -71,17 +70,13 @@ def climb_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = Fal
     count, m, n = problems.jacobian.shape
     value, multipliers, report = np.zeros((count, n)), np.zeros((count, m)), np.empty((7, count))
     found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
-    climb_directly.run(tangent, *_end_to_end(problems), np.asarray(problems.radius), tolerance, *found)
+    g, b, E = problems.gradient.reshape(-1), problems.bound.reshape(-1), problems.equality.reshape(-1)
+    rows, radii = problems.jacobian.reshape(-1, n), np.asarray(problems.radius)
+    climb_directly.run(tangent, g, rows, b, E, radii, tolerance, *found)
     status = np.where(report[0] == OPEN, Status.UNCERTIFIED, Status.OPTIMAL)
     residuals, kappa = report[2:6].T.copy(), np.where(status, 0.0, report[6])
     residuals[status != 0] = np.nan
     return DirectionBatch(value, multipliers, status, report[1].astype(int), kappa, residuals, np.full(count, "rows"))
-
-
-def _end_to_end(problems: ProblemBatch) -> tuple[Any, ...]:
-    """The arrays as the kernels take them: problems one after the other."""
-    rows = problems.jacobian.reshape(-1, problems.jacobian.shape[2])
-    return problems.gradient.reshape(-1), rows, problems.bound.reshape(-1), problems.equality.reshape(-1)
 
 
 def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:

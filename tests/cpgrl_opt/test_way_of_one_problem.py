@@ -1,6 +1,7 @@
 """How many functions of ours a plain solve passes: docs/architecture.md names them."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -41,22 +42,31 @@ def test_a_plain_solve_passes_four_functions() -> None:
     assert functions_passed(lambda: solver.solve(problem)) == ["solve", "solve_rows", "project", "found"]
 
 
-# As measured, with a little room: what stands in docs/architecture.md.
+FULL = np.random.default_rng(1).normal(size=(9, 9))
+FULL = FULL @ FULL.T + np.eye(9)
+
+
+# What stands in docs/architecture.md.
 @pytest.mark.parametrize(
     ("solver", "geometry", "most"),
     [
-        ("active-set", {"radius": 0.5}, 15),
-        ("active-set", {"metric": np.arange(1.0, 10.0)}, 25),
-        ("active-set", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 70),
-        ("quadprog", {"metric": np.diag(np.arange(1.0, 10.0)), "radius": 0.5}, 125),
+        ("active-set", {"radius": 0.5}, 6),
+        ("active-set", {"metric": np.arange(1.0, 10.0)}, 20),
+        ("active-set", {"metric": FULL, "radius": 0.5}, 40),
+        ("quadprog", {"metric": FULL, "radius": 0.5}, 60),
     ],
 )
 def test_a_metric_and_a_ball_are_a_few_functions_more(solver: str, geometry: dict[str, Any], most: int) -> None:
     if not is_installed(SOLVERS[solver]):
         pytest.skip(f"{solver} is not installed")
     compile_kernels(thorough=False)
-    rng = np.random.default_rng(0)
-    g, J = rng.normal(size=9), rng.normal(size=(3, 9))
-    SOLVERS[solver].solve(DirectionProblem(g, J, 0.1, **geometry))
-    problem = DirectionProblem(g, J, 0.1, **geometry)
-    assert len(functions_passed(lambda: SOLVERS[solver].solve(problem))) <= most
+    rng, asked = np.random.default_rng(0), 0
+    for _ in range(5):
+        g, J = rng.normal(size=9), rng.normal(size=(3, 9))
+        SOLVERS[solver].solve(DirectionProblem(g, J, 0.05, **geometry))
+        problem = DirectionProblem(g, J, 0.05, **geometry)
+        passed = functions_passed(partial(SOLVERS[solver].solve, problem))
+        if passed.count("solve_small") <= 1:  # each call of a core costs eighteen more
+            assert len(passed) <= most
+            asked += passed.count("solve_small")
+    assert asked > 0 or solver == "active-set"
