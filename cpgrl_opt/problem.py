@@ -11,7 +11,7 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Self, overload
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 
 import numpy as np
 
@@ -31,13 +31,21 @@ from .validation import (
 from .vectors import ArrayVectors, Vectors, is_long
 
 
+_Kind = TypeVar("_Kind")
+
+
 class _Arrays:
     """What a problem and a batch of problems have in common."""
 
     @classmethod
     def trusted(
-        cls, gradient: np.ndarray, jacobian: np.ndarray, bound: np.ndarray, equality: np.ndarray, radius: Any = None
-    ) -> Self:
+        cls: type[_Kind],
+        gradient: np.ndarray,
+        jacobian: np.ndarray,
+        bound: np.ndarray,
+        equality: np.ndarray,
+        radius: Any = None,
+    ) -> _Kind:
         """Of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         made = object.__new__(cls)
         # In the way of every update of a training, so without a call for each array.
