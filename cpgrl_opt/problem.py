@@ -30,7 +30,6 @@ from .validation import (
 )
 from .vectors import ArrayVectors, Vectors, is_long
 
-
 _Kind = TypeVar("_Kind")
 
 
