@@ -18,7 +18,7 @@ from .validation import (
     real_view,
     require_shape,
 )
-from .vectors import ArrayVectors, OperationVectors, TreeVectors, Vectors, has_operations, is_long, is_tree
+from .vectors import ArrayVectors, TreeVectors, Vectors, is_long, kind_of
 
 _FLOAT64 = np.dtype(np.float64)
 
@@ -78,12 +78,10 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
 
     None for all else.
     """
-    if isinstance(gradient, Vectors) or has_operations(gradient):
-        if jacobian is not None:
-            raise ValueError("jacobian should not be given where gradient is an object that has the rows in it")
-        return gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
-    if (type(gradient) is not np.ndarray or gradient.dtype is not _FLOAT64) and is_tree(gradient):
-        return TreeVectors(gradient, jacobian)
+    if type(gradient) is not np.ndarray or gradient.dtype is not _FLOAT64:
+        vectors = kind_of(gradient, jacobian)
+        if vectors is not None:
+            return vectors
     if type(jacobian) is np.ndarray:
         if jacobian.ndim != 2 or not is_long(*jacobian.shape):
             return None

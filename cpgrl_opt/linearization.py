@@ -36,7 +36,7 @@ class Linearization:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
         values = real_values("values", values)
         if type(gradients) is not np.ndarray or gradients.dtype != np.float64:
-            tree = channels_of(gradients) if values.ndim == 1 else None  # a list may be one of runs else
+            tree = channels_of(gradients, len(values)) if values.ndim == 1 else None  # a list may be one of runs else
             if tree is not None:
                 self._take_apart(values, tree)
                 return

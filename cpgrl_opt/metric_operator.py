@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import Float, Number, Vector
-from .validation import require_count, require_number
+from .validation import real_values, require_count, require_number
 
 TOLERANCE, ITERATIONS = 1e-12, 1000
 # What rounding, in single precision too, leaves between uᵀMv and vᵀMu, of ‖u‖‖Mv‖.
@@ -40,7 +40,8 @@ class OperatorMetric:
 
     def times(self, vector: Vector) -> Vector:
         """Mv; ValueError for what is no vector of n finite numbers, and where vᵀMv ≤ 0."""
-        found = np.asarray(self.product(vector.copy()), dtype=np.float64)  # which may be written to
+        # Both are copied: what is handed over may be written to, and what comes may be a buffer that is used again.
+        found = np.array(real_values("what metric returns", self.product(vector.copy())))
         if found.shape != (self.n,) or not np.isfinite(found).all():
             what = f"shape {found.shape}" if found.shape != (self.n,) else f"{found[~np.isfinite(found)][0]}"
             raise ValueError(f"metric should return {self.n} finite numbers; found {what}")

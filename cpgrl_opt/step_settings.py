@@ -21,7 +21,7 @@ from .validation import (
     require_nonnegative,
     require_positive,
 )
-from .vectors import TreeVectors, is_long
+from .vectors import is_long, kind_of
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -73,7 +73,8 @@ class StepSettings(ReadOnlyArrays):
             vars(self).update(_metric_bytes=str(id(self.metric)).encode())
         elif self.metric is not None:
             if isinstance(self.metric, dict):
-                vars(self).update(metric=TreeVectors(self.metric, []).whole_gradient())
+                tree: Any = kind_of(self.metric, [])
+                vars(self).update(metric=tree.whole_gradient())
             metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
             vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
 

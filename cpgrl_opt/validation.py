@@ -148,12 +148,22 @@ def _as_real_array(name: str, values: ArrayLike) -> NDArray[Any]:
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:
     if type(values) is np.ndarray:
         return values
+    values = _detached(values)
     if _has_masked(values):
         raise ValueError(f"{name} should have no masked entries, whose values nobody vouches for; found some")
     try:
         return np.asarray(values)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists; tensors that need their library's own way
         raise ValueError(f"{name} should be a rectangular array of numbers; found {values!r} ({error})") from error
+
+
+def _detached(values: Any) -> Any:
+    """What NumPy can see of tensors of PyTorch, alone or in a list: without their graph, on the CPU, in float64."""
+    if isinstance(values, list | tuple):
+        return [*map(_detached, values)] if any(hasattr(each, "detach") for each in values) else values
+    if not hasattr(values, "detach"):
+        return values
+    return (values.double() if values.is_floating_point() else values).detach().cpu().numpy()
 
 
 def _has_masked(values: Any, axes: int = 64) -> bool:

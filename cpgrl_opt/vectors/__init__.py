@@ -4,9 +4,10 @@
 tensors and arrays of float32; `_operations` for objects of the caller's own kind.
 """
 
+from ._kinds import channels_of, kind_of
 from ._numpy import ArrayVectors, LeafVectors, is_long
-from ._operations import OperationVectors, VectorOperations, has_operations
-from ._trees import TreeVectors, channels_of, is_tree
+from ._operations import OperationVectors, VectorOperations
+from ._trees import TreeVectors
 from .interface import Certificate, Vectors
 
 __all__ = [
@@ -18,7 +19,6 @@ __all__ = [
     "VectorOperations",
     "Vectors",
     "channels_of",
-    "has_operations",
     "is_long",
-    "is_tree",
+    "kind_of",
 ]

@@ -55,7 +55,7 @@ class LeafVectors(Vectors):
 
     def whole_gradient(self) -> Vector:
         """g, one array of float64."""
-        return np.concatenate([_widened(g) for g, _ in self.leaves], dtype=np.float64)
+        return np.concatenate([self.host(g) for g, _ in self.leaves], dtype=np.float64)
 
     def whole_jacobian(self) -> Jacobian:
         """J, one array of float64."""
@@ -63,21 +63,31 @@ class LeafVectors(Vectors):
         whole, start = np.empty((m, n)), 0
         for g, J in self.leaves:
             for i in range(m):
-                whole[i, start : start + len(g)] = _widened(J[i])
+                whole[i, start : start + len(g)] = self.host(J[i])
             start += len(g)
         return whole
 
     def row_of(self, direction: Any, name: str = "direction.value") -> Vector:
         """d as one array of float64."""
-        return np.concatenate([*map(_widened, self.taken_apart(direction, name))], dtype=np.float64)
+        return np.concatenate([*map(self.host, self.taken_apart(direction, name))], dtype=np.float64)
 
     def from_row(self, row: Vector) -> Any:
         """d of the caller's kind, rounded to its leaves' dtypes."""
-        ends = np.cumsum([len(g) for g, _ in self.leaves])[:-1]
-        pairs = zip(np.split(row, ends), self.leaves, strict=True)
         with np.errstate(over="ignore"):
-            parts = [narrow(part) if g.dtype == BFLOAT16 else part.astype(g.dtype) for part, (g, _) in pairs]
-        return self.rebuilt(parts)
+            pairs = zip(self.split(row), self.leaves, strict=True)
+            return self.rebuilt([self.rounded(part, g) for part, (g, _) in pairs])
+
+    def split(self, row: Vector) -> list[np.ndarray]:
+        """By leaves."""
+        return np.split(row, np.cumsum([len(g) for g, _ in self.leaves])[:-1])
+
+    def host(self, part: Any) -> np.ndarray:
+        """A part in numbers that NumPy knows."""
+        return np.asarray(widen(part)) if part.dtype == BFLOAT16 else part
+
+    def rounded(self, part: np.ndarray, like: Any) -> Any:
+        """A part of float64 in the dtype of another."""
+        return narrow(part) if like.dtype == BFLOAT16 else part.astype(like.dtype)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -88,24 +98,24 @@ class LeafVectors(Vectors):
         """No NaN and no infinity: seen in K, unless squares overflow."""
         if math.isfinite(self._gramian.trace()):
             return True
-        return all(is_finite(_widened(part)) for g, J in self.leaves for part in (g, *J))
+        return all(is_finite(self.host(part)) for g, J in self.leaves for part in (g, *J))
 
     def require_finite(self) -> None:
         """ValueError that names the leaf."""
         if not self.are_finite():
             for index, (g, J) in enumerate(self.leaves):
                 where = f", leaf {index}" if len(self.leaves) > 1 else ""
-                require_finite(f"gradient{where}", _widened(g))
+                require_finite(f"gradient{where}", self.host(g))
                 for row in J:
-                    require_finite(f"jacobian{where}", _widened(row))
+                    require_finite(f"jacobian{where}", self.host(row))
 
     def is_representable(self, direction: Any) -> bool:
         """Seen in each leaf."""
-        return all(is_finite(_widened(part)) for part in self.taken_apart(direction))
+        return all(is_finite(self.host(part)) for part in self.taken_apart(direction))
 
     def is_zero(self, index: int) -> bool:
         """In one pass over that vector."""
-        return not any(_widened(g if index == 0 else J[index - 1]).any() for g, J in self.leaves)
+        return not any(self.host(g if index == 0 else J[index - 1]).any() for g, J in self.leaves)
 
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """In one pass."""
@@ -151,11 +161,6 @@ class LeafVectors(Vectors):
         """Address of each vector in each leaf, bytes from one of its numbers to the next and of one; and numbers."""
         counts = np.array([len(self.leaves[k][0]) for k in leaves], np.int64)
         return np.array([_places_of(*self.leaves[k]) for k in leaves], np.int64), counts
-
-
-def _widened(part: np.ndarray) -> np.ndarray:
-    """Numbers that NumPy knows."""
-    return np.asarray(widen(part)) if part.dtype == BFLOAT16 else part
 
 
 def _places_of(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> list[tuple[int, int, int]]:

@@ -62,8 +62,36 @@ def of_jax(v: np.ndarray) -> Any:
     return {"a": jax.numpy.asarray(v[..., :5], dtype="float32"), "b": jax.numpy.asarray(v[..., 5:], dtype="float32")}
 
 
-# Each with what rounding to its dtypes leaves of a direction as long as 1.
-KINDS = {as_dict: 1e-12, as_named: 1e-12, single: 2e-7, mixed: 2e-7, tensor: 1e-12, tensors: 2e-7, of_jax: 2e-7}
+def short(v: np.ndarray) -> Any:
+    torch = pytest.importorskip("torch")
+    return torch.from_numpy(v.copy()).to(torch.bfloat16).requires_grad_()
+
+
+def short_and_long(v: np.ndarray) -> Any:
+    torch, k = pytest.importorskip("torch"), v.shape[-1] // 3
+    parts = torch.from_numpy(v[..., :k]), torch.from_numpy(v[..., k : 2 * k]), torch.from_numpy(v[..., 2 * k :].copy())
+    return {"a": parts[0].to(torch.bfloat16), "b": (parts[1].to(torch.float32), parts[2])}
+
+
+def of_jax_short(v: np.ndarray) -> Any:
+    jax = pytest.importorskip("jax")
+    return [jax.numpy.asarray(v[..., :5], dtype="bfloat16"), jax.numpy.asarray(v[..., 5:], dtype="float32")]
+
+
+# Each with the distance from one number of its shortest dtype to the next: 4 of it is what rounding may leave.
+FLOAT32, BFLOAT16 = 2.0**-23, 2.0**-7
+KINDS = {
+    as_dict: 1e-12,
+    as_named: 1e-12,
+    single: FLOAT32,
+    mixed: FLOAT32,
+    tensor: 1e-12,
+    tensors: FLOAT32,
+    short: BFLOAT16,
+    short_and_long: BFLOAT16,
+    of_jax: FLOAT32,
+    of_jax_short: BFLOAT16,
+}
 Kind = Callable[[np.ndarray], Any]
 parametrize_kinds = pytest.mark.parametrize(
     ("kind", "rounding"), KINDS.items(), ids=lambda k: getattr(k, "__name__", "")
@@ -109,7 +137,7 @@ def test_directions_are_those_of_one_array(kind: Kind, rounding: float, n: int, 
             problem = of_kind(kind, arguments, stacked=stacked)
             answer = ACTIVE_SET.solve(problem)
             assert answer.status == expected.status
-            if n == LONG and kind is not of_jax:
+            if n == LONG:
                 assert answer.rung == expected.rung
             assert same_form(answer.value, kind(arguments["gradient"]))
             size = max(float(np.abs(expected.value).max()), 1.0)
@@ -117,7 +145,7 @@ def test_directions_are_those_of_one_array(kind: Kind, rounding: float, n: int, 
             if answer.status == Status.OPTIMAL:
                 assert answer.residuals is not None
                 assert answer.residuals.worst <= 1e-9  # before it was rounded
-                assert kkt_residuals(problem, answer).worst <= max(1e-9, 4 * np.finfo(np.float32).eps)
+                assert kkt_residuals(problem, answer).worst <= max(1e-9, 4 * rounding)
 
 
 @pytest.mark.parametrize("name", [name for name, solver in SOLVERS.items() if is_installed(solver)])
@@ -236,15 +264,23 @@ def test_what_does_not_fit_is_refused_by_name(gradient: Any, jacobian: Any, mess
 
 def test_tensors_that_are_not_for_us_are_refused_by_name() -> None:
     torch = pytest.importorskip("torch")
-    with pytest.raises(ValueError, match="should be arrays of one library; found numpy, torch"):
-        DirectionProblem(torch.ones(2), [np.ones(2)])
-    for bad in (torch.ones(2, dtype=torch.bfloat16), torch.ones(2, dtype=torch.int32)):
-        with pytest.raises(
-            ValueError, match="gradient should be an array of float64 or float32; found Tensor of torch"
-        ):
+    one = torch.ones(2)
+    with pytest.raises(ValueError, match=r"jacobian\[0\] should be of torch as gradient is; found numpy"):
+        DirectionProblem(one, [np.ones(2, np.float32)])
+    with pytest.raises(ValueError, match=r"gradient\['b'\] should be of torch as gradient is; found numpy"):
+        DirectionProblem({"a": one, "b": np.ones(2)}, [])
+    with pytest.raises(ValueError, match=r"jacobian\[0\] should be of torch.float32 as gradient is there; found torch"):
+        DirectionProblem(one, [one.double()])
+    for bad in (one.half(), one.int(), one.to(torch.complex64)):
+        with pytest.raises(ValueError, match="gradient should be an array of float64, float32 or bfloat16; found Ten"):
             DirectionProblem(bad, [bad])
-    with pytest.raises(ValueError, match=r"tensors should be dense and on the CPU; found torch\.sparse_coo"):
-        DirectionProblem(torch.ones(2).to_sparse(), [torch.ones(2)])
+    with pytest.raises(ValueError, match=r"tensors should be dense and on a device .*; found torch\.sparse_coo"):
+        DirectionProblem(one.to_sparse(), [one])
+    for gradient, row in ((one.to("meta"), one), (one.to("meta"), one.to("meta")), (one, one.to("meta"))):
+        with pytest.raises(ValueError, match=r"should be dense and on a device that has float64; found .* on meta"):
+            DirectionProblem(gradient, [row])
+    with pytest.raises(ValueError, match="should be an array of float64, float32 or bfloat16; found ndarray of uint16"):
+        DirectionProblem({"a": np.ones(2, np.uint16)}, [])  # which might be the bits of bfloat16
 
 
 def test_a_direction_of_another_form_is_refused_by_the_referee() -> None:
@@ -355,3 +391,46 @@ def test_a_function_as_metric_of_float32_gets_float64() -> None:
     answer = ACTIVE_SET.solve(DirectionProblem(g, J, metric=lambda v: M @ v))
     assert answer.status == Status.OPTIMAL
     np.testing.assert_allclose(answer.value, ACTIVE_SET.solve(DirectionProblem(g, J, metric=M)).value, rtol=1e-6)
+
+
+def test_traced_arrays_of_jax_are_refused_by_name() -> None:
+    jax = pytest.importorskip("jax")
+    with pytest.raises(ValueError, match="arrays of JAX should have numbers, outside of jit, vmap and grad; found"):
+        jax.jit(lambda g: ACTIVE_SET.solve(DirectionProblem(g, g[None])).value)(jax.numpy.ones(3))
+
+
+def test_values_and_bounds_are_detached() -> None:
+    torch = pytest.importorskip("torch")
+    numbers, g = torch.ones(2, requires_grad=True), torch.ones(3)
+    for given in (numbers, numbers.to(torch.bfloat16), [numbers[0], numbers[1]]):
+        np.testing.assert_array_equal(DirectionProblem(g, [g, g], given).bound, np.ones(2))
+        np.testing.assert_array_equal(Linearization(given, [g, g]).values, np.ones(2))
+    assert DirectionProblem(g, [g, g], 0.0, torch.tensor([True, False])).equality.tolist() == [True, False]
+
+
+def test_a_list_is_one_of_channels_where_it_has_as_many_as_there_are_values() -> None:
+    values, whole = np.array([0.0, -0.5, 0.25]), np.random.default_rng(3).standard_normal((3, 6)).astype(np.float32)
+    leaves = [whole[:, :2], whole[:, 2:]]
+    found = ConstrainedStep()(Linearization(values, leaves), np.zeros(2)).change
+    expected = ConstrainedStep()(Linearization(values, [[row[:2], row[2:]] for row in whole]), np.zeros(2)).change
+    for part, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(part, other)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, as_dict])
+def test_a_function_as_metric_may_return_one_buffer_again_and_again(kind: Kind) -> None:
+    arguments, sizes, buffer = draw(0, SHORT), np.linspace(0.5, 2.0, SHORT), np.empty(SHORT)
+
+    def product(v: Any) -> Any:
+        whole = v if kind is np.asarray else np.concatenate([v["w"].ravel(), *v["rest"]])
+        return kind(np.multiply(sizes, whole, out=buffer))
+
+    answer = ACTIVE_SET.solve(of_kind(kind, {**arguments, "metric": product}))
+    expected = ACTIVE_SET.solve(of_kind(kind, {**arguments, "metric": kind(sizes)}))
+    assert answer.status == Status.OPTIMAL
+    np.testing.assert_allclose(answer.multipliers, expected.multipliers, atol=1e-9)
+
+
+def test_a_function_as_metric_that_returns_complex_numbers_is_refused() -> None:
+    with pytest.raises(ValueError, match="what metric returns should be an array of real numbers"):
+        DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=lambda v: v + 1j)

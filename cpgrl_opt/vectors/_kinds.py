@@ -1,0 +1,38 @@
+"""Which kind of vectors somebody's objects are."""
+
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+
+from ._operations import OperationVectors, has_operations
+from ._tensors import TensorVectors
+from ._torch import is_apart
+from ._trees import TreeVectors, is_tree, mapped, walk
+from .interface import Vectors
+
+
+def kind_of(gradient: Any, jacobian: Any = None) -> Vectors | None:
+    """g and J as an object of the caller's or as a tree, None for what is neither; ValueError for what does not fit."""
+    if isinstance(gradient, Vectors) or has_operations(gradient):
+        if jacobian is not None:
+            raise ValueError("jacobian should not be given where gradient is an object that has the rows in it")
+        return gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
+    if not is_tree(gradient):
+        return None
+    kind = TensorVectors if any(is_apart(leaf) for _, leaf in walk(gradient, "")) else TreeVectors
+    return kind(gradient, jacobian)
+
+
+def channels_of(gradients: Any, count: int) -> Vectors | None:
+    """The gradients of one run, the objective's first: a list of `count` trees, or one with channels as first axis.
+
+    None for what is no tree and no object of the caller's. Arrays of float64 in a list are rows of one array.
+    """
+    if isinstance(gradients, list | tuple) and len(gradients) == count:
+        return kind_of(gradients[0], list(gradients[1:])) if is_tree(gradients[0]) else None
+    if isinstance(gradients, np.ndarray) and gradients.ndim != 2:
+        return None
+    if not is_tree(gradients):
+        return kind_of(gradients)
+    return kind_of(mapped(itemgetter(0), gradients), mapped(itemgetter(slice(1, None)), gradients))

@@ -1,0 +1,72 @@
+"""Trees of PyTorch's tensors on any device: no vector leaves it, unless a problem is put together as arrays."""
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Float
+from ..compensated import Pair
+from . import _torch
+from ._trees import TreeVectors, mapped
+from .interface import Sums
+
+
+class TensorVectors(TreeVectors):
+    """Tensors where they lie; all sums are of float64, of blocks. On the CPU `TreeVectors` is faster."""
+
+    def looked_at(self, leaf: Any) -> Any:
+        """The tensor without its graph; None for another dtype."""
+        if not _torch.is_tensor(leaf):
+            return super().looked_at(leaf)
+        tensor = _torch.detach(leaf)
+        return tensor if _torch.is_float(tensor) else None
+
+    def host(self, part: Any) -> np.ndarray:
+        """A copy."""
+        return np.asarray(part.double().cpu().numpy()) if _torch.is_tensor(part) else super().host(part)
+
+    def rounded(self, part: np.ndarray, like: Any) -> Any:
+        """On the device."""
+        return _torch.rounded(part, like)
+
+    def rebuilt(self, parts: list[Any]) -> Any:
+        """In g's structure and shapes."""
+        left = iter(parts)
+        return mapped(lambda leaf: next(left).reshape(leaf.shape), self.gradient)
+
+    def unrounded(self, row: np.ndarray) -> Any:
+        """A vector in the form of g, of float64 whatever the leaves are."""
+        left = iter(self.split(row))
+        return mapped(lambda leaf: _torch.as_tensor(next(left), leaf), self.gradient)
+
+    def placed(self, part: Any, like: Any) -> Any:
+        """On the device."""
+        return part if _torch.is_tensor(part) else _torch.as_tensor(np.asarray(self.host(part), np.float64), like)
+
+    def is_representable(self, direction: Any) -> bool:
+        """Seen on the device."""
+        return all(map(_torch.all_finite, self.taken_apart(direction)))
+
+    def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
+        """In one pass."""
+        K: Any = 0.0
+        for g, J in self.leaves:
+            K = _torch.add_inner(K, g, J)
+        return np.asarray(K.cpu().numpy())
+
+    def find_gramian_in_pairs(self) -> Pair:
+        """In one pass."""
+        K = Pair(self._square(), self._square())
+        for g, J in self.leaves:
+            K = _torch.add_inner_in_pairs(K, g, J)
+        return K
+
+    def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
+        """In one pass."""
+        parts, sums = zip(*(_torch.combine(weights, forces, g, J) for g, J in self.leaves), strict=True)
+        return self.rebuilt([*parts]), np.asarray(sum(sums).cpu().numpy())
+
+    def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
+        """In one pass."""
+        pairs = zip(self.taken_apart(direction), self.leaves, strict=True)
+        return np.asarray(sum(_torch.measure(d, forces, g, J) for d, (g, J) in pairs).cpu().numpy())
