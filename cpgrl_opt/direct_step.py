@@ -51,7 +51,7 @@ def move(
     m = channels - 1
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
     considered = np.ones((runs, m), np.bool_) if takes_all else active
-    if _admit(gradients, slack, considered, target, kept, flat)[1]:  # rows beyond 2^±400
+    if _admit(gradients, slack, considered, target, kept, flat):  # rows beyond 2^±400
         return False
     g, value, rest, vanishes = np.empty((1, n)), np.empty((1, n)), np.empty((1, n)), np.empty(1, np.bool_)
     bound, equality = np.empty(m), np.empty(m, np.bool_)

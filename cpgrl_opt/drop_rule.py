@@ -23,10 +23,11 @@ from .solvers import ActiveSet, Rosen, solve_batch
 from .step_kernels import NEGLIGIBLE, mark_vanishing
 
 
-def vanishing(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> tuple[Bool[np.ndarray, "B"], bool]:
-    """Whether a move is 0 up to rounding, relative to Δ¹: by run, and whether in any."""
+def vanishing(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
+    """Whether a move is 0 up to rounding, relative to Δ¹."""
     found = np.empty(len(moves), np.bool_)
-    return found, mark_vanishing(moves, constraints.gradients, found)
+    mark_vanishing(moves, constraints.gradients, found)
+    return found
 
 
 def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Float[np.ndarray, "B n"]:
@@ -37,7 +38,7 @@ def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Fl
 def has_positive_multipliers(constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
     """Whether no λ ≤ 0 exists: the cone Jd ≥ 0 lets Δ¹ climb farther than Jd = 0 does."""
     in_cone = solve_batch(ActiveSet(), FORMULATIONS["cone"].tangents(constraints)).value
-    return ~vanishing(in_cone - tangents(constraints), constraints)[0]
+    return ~vanishing(in_cone - tangents(constraints), constraints)
 
 
 def leaving_constraints(constraints: ActiveConstraints, *, raw: bool = False) -> Bool[np.ndarray, "B m"]:

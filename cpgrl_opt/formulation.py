@@ -16,7 +16,6 @@ import numpy as np
 
 from .arrays import Bool, Float, Int
 from .problem import ProblemBatch
-from .step_kernels import fill_problems
 
 _LARGEST_EXPONENT = 400  # as `step_kernels.admit` has it
 
@@ -25,56 +24,34 @@ _LARGEST_EXPONENT = 400  # as `step_kernels.admit` has it
 class ActiveConstraints:
     """B linearized problems before a formulation: Δ¹ and the rows of J, the target t ≥ 0, and the active set.
 
-    exponents: rows were divided by 2 to these, None where none was. room: what of its slack a constraint may lose, None
-    where none may lose any.
+    exponents: rows were divided by 2 to these.
     """
 
     gradients: Float[np.ndarray, "B channels n"]
     target: Float[np.ndarray, "B m"]
     active: Bool[np.ndarray, "B m"]
-    exponents: Int[np.ndarray, "B m"] | None = None
-    room: Float[np.ndarray, "B m"] | None = None
-
-    @property
-    def jacobian(self) -> Float[np.ndarray, "B m n"]:
-        """J, of every constraint."""
-        return self.gradients[:, 1:]
+    exponents: Int[np.ndarray, "B m"]
 
     def rows(self, chosen: np.ndarray, active: Bool[np.ndarray, "B m"] | None = None) -> "ActiveConstraints":
         """The same for the runs that a mask or an index array names; active: other sets, of all runs."""
-        exponents = None if self.exponents is None else self.exponents[chosen]
-        room = None if self.room is None else self.room[chosen]
         active = self.active if active is None else active
-        return ActiveConstraints(self.gradients[chosen], self.target[chosen], active[chosen], exponents, room)
+        return ActiveConstraints(self.gradients[chosen], self.target[chosen], active[chosen], self.exponents[chosen])
 
     def balanced(self) -> "ActiveConstraints":
         """Rows beyond 2^±400 and their targets over a power of two that leaves the row's largest entry in ½ … 1.
 
         Nothing changes but these rows' multipliers t/‖Jᵢ‖², which leave float64 for rows beyond 1e±150.
         """
-        jacobian = self.jacobian
-        _, exponents = np.frexp(np.abs(jacobian).max(axis=2, initial=0.0))
+        _, exponents = np.frexp(np.abs(self.gradients[:, 1:]).max(axis=2, initial=0.0))
         exponents = np.where(np.abs(exponents) < _LARGEST_EXPONENT, 0, exponents)
         gradients = self.gradients.copy()
-        gradients[:, 1:] = np.ldexp(jacobian, -exponents[:, :, None])
-        room = None if self.room is None else np.ldexp(self.room, -exponents)
-        target = np.ldexp(self.target, -exponents)
-        return replace(self, gradients=gradients, target=target, exponents=exponents, room=room)
+        gradients[:, 1:] = np.ldexp(gradients[:, 1:], -exponents[:, :, None])
+        return ActiveConstraints(gradients, np.ldexp(self.target, -exponents), self.active, exponents)
 
     def original(self, multipliers: Float[np.ndarray, "B m"]) -> Float[np.ndarray, "B m"]:
         """Multipliers of the rows as they were given; ±inf where they leave float64."""
-        if self.exponents is None:
-            return multipliers
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(np.ldexp(multipliers, -self.exponents))
-
-    def violated(self) -> "ActiveConstraints":
-        """The same with only those active that are violated."""
-        return replace(self, active=self.active & (self.target > 0.0))
-
-    def demands(self, rate: float) -> "ActiveConstraints":
-        """αₑ t − room in the place of t."""
-        return self if self.room is None else replace(self, target=rate * self.target - self.room, room=None)
 
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
@@ -103,28 +80,20 @@ class Formulation:
 
     def problems(self, constraints: ActiveConstraints, rate_ratio: float) -> ProblemBatch:
         """B tangent problems, followed by B restoration problems unless these are inside; rate_ratio is αₑ/α₁."""
-        runs, channels, n = constraints.gradients.shape
-        count, m = runs if self.restores_inside else 2 * runs, channels - 1
-        g, J, b, is_equality = (
-            np.empty((count, n)), np.empty((count, m, n)), np.empty((count, m)), np.empty((count, m), np.bool_)
-        )  # fmt: skip
-        is_finite = fill_problems(
-            constraints.gradients,
-            constraints.target,
-            constraints.active,
-            self.is_equality,
-            rate_ratio if self.restores_inside else 0.0,
-            g,
-            J,
-            b,
-            is_equality,
-        )
-        if not is_finite:
+        runs, _, n = constraints.gradients.shape
+        inside, kinds = (rate_ratio, 1) if self.restores_inside else (0.0, 2)
+        gradient, active = np.zeros((kinds * runs, n)), np.concatenate([constraints.active] * kinds)
+        gradient[:runs] = constraints.gradients[:, 0]
+        with np.errstate(over="ignore", invalid="ignore"):
+            asked = np.concatenate([inside * constraints.target, constraints.target][:kinds])
+        bound = np.where(active, asked, -np.inf)
+        if not (bound < np.inf).all():
             raise ValueError(
                 "slack, times restoration_rate / step_size where the restoration is inside, should be finite in units "
                 "of its constraint's gradient; found one that overflows"
             )
-        return ProblemBatch.trusted(g, J, b, is_equality)
+        jacobian = np.concatenate([constraints.gradients[:, 1:]] * kinds)
+        return ProblemBatch.trusted(gradient, jacobian, bound, active & self.is_equality)
 
 
 FORMULATIONS = {

@@ -19,8 +19,7 @@ from .formulation import FORMULATIONS
 from .linearization import Linearization
 from .metric import Whitening
 from .metric_operator import OperatorMetric
-from .step_in_metric import step_in_operator_metric
-from .step_in_span import step_in_span
+from .step_in_span import step_in_metric, step_in_span
 from .step_result import StepResult, skipped_result, stack_results, usual_result
 from .step_settings import DROP_RULES, ON_FAILURE, Observer, StepSettings
 from .validation import boolean_array, finite_array, is_finite, read_only, real_values, require_shape
@@ -89,26 +88,44 @@ class ConstrainedStep(StepSettings):
         active = self._active(slack, previous)
         if self.metric is None and not linearization.is_tree and not linearization.is_long:
             return self._on_rows(linearization.gradients, slack, active, observe)
-        result = self._in_metric(linearization, slack, active, observe)
-        return replace(result, change=linearization.as_given(result.change)) if linearization.is_tree else result
+        return self._in_coordinates(linearization, slack, active, observe)
 
-    def _in_metric(
+    def _in_coordinates(
+        self, given: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+    ) -> StepResult:
+        """Where M = I, and of few numbers: one array of float64, or the coordinates of the gradients' span."""
+        flat, whitening = given, self._whitening
+        if whitening is not None:
+            require_shape("metric", self.metric, (given.n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
+            flat = given.whitened(whitening)
+        if callable(self.metric) or flat.is_long:
+            result = self._run_by_run(flat, slack, active, observe)
+        else:
+            result = self._on_rows(flat.gradients, slack, active, observe)
+        if whitening is not None:
+            result = replace(result, change=_original(whitening, result.change))
+        return replace(result, change=given.as_given(result.change)) if given.is_tree else result
+
+    def _run_by_run(
         self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
     ) -> StepResult:
-        m, n = slack.shape[-1], linearization.n
-        if callable(self.metric):
-            vectors, operator = (linearization.gradients, slack, active), self._operator(linearization)
-            raises, takes_all = self.on_failure == "raise", FORMULATIONS[self.formulation].takes_all
-            results = step_in_operator_metric(
-                self._on_rows, *vectors, operator, observe, raises=raises, takes_all=takes_all
-            )
-            return stack_results(results, slack.shape[:-1], n, m) if slack.ndim > 1 else results[0]
-        whitening = self._whitening
-        if whitening is None:
-            return self._where_identity(linearization, slack, active, observe)
-        require_shape("metric", self.metric, (n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
-        result = self._where_identity(linearization.whitened(whitening), slack, active, observe)
-        return replace(result, change=_original(whitening, result.change))
+        """In the coordinates of each run's own gradients; what they do not answer is left, or raised."""
+        results, runs = [], slack.shape[:-1]
+        for run, vectors in zip(np.ndindex(runs), linearization.vectors, strict=True):
+            try:
+                if callable(self.metric):
+                    V, M = linearization.gradients[run], self._operator(linearization)
+                    results.append(step_in_metric(self._on_rows, V, slack[run], active[run], M, observe))
+                else:
+                    rate = float(self.step_size)  # type: ignore[arg-type]
+                    results.append(step_in_span(self._on_rows, vectors, slack[run], active[run], rate, observe))
+            except DirectionError:
+                if self.on_failure == "raise":
+                    raise
+                zero = np.zeros(linearization.n) if vectors.has_rows else vectors.zero()
+                on = active[run] & (not FORMULATIONS[self.formulation].takes_all)
+                results.append(skipped_result(zero, slack[run], on))
+        return stack_results(results, runs, linearization.n, slack.shape[-1])
 
     def _operator(self, linearization: Linearization) -> OperatorMetric:
         """Of n parameters, which only a linearization tells; looked at once, but of trees."""
@@ -120,23 +137,6 @@ class ConstrainedStep(StepSettings):
             known = OperatorMetric(product, linearization.n, self.metric_tolerance, self.metric_iterations)
             vars(self)["_operator_metric"] = known
         return known
-
-    def _where_identity(
-        self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
-    ) -> StepResult:
-        """The step in coordinates where M = I; long gradients in those of their span."""
-        if linearization.is_long:
-            rate = float(self.step_size)  # type: ignore[arg-type]
-            try:
-                results = step_in_span(self._on_rows, linearization.vectors, slack, active, rate, observe)
-            except DirectionError:  # of an object that no rung answers
-                if self.on_failure == "raise":
-                    raise
-                on = active & (not FORMULATIONS[self.formulation].takes_all)
-                return skipped_result(linearization.vectors[0].zero(), slack, on)
-            n, m = linearization.n, slack.shape[-1]
-            return stack_results(results, slack.shape[:-1], n, m) if slack.ndim > 1 else results[0]
-        return self._on_rows(linearization.gradients, slack, active, observe)
 
     def _on_rows(
         self,

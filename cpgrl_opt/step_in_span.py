@@ -1,45 +1,35 @@
-"""Steps on long gradients: each run in the 1 + m coordinates of its own gradients, where nothing of a step changes.
+"""Steps in the 1 + m coordinates of one run's own gradients, where nothing of a step changes.
 
 tangent, restoration, drop rule and limits on the rows of L, K = L Lᵀ        change = a g + Jᵀw, combined once
+
+K = V Vᵀ for long gradients, K = V M⁻¹ Vᵀ in an operator's metric. Both raise DirectionError where K does not tell.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .direction import DirectionBatch, DirectionError, Status
-from .problem import ProblemBatch
+from .flat_span import SpanFlat
+from .metric_operator import OperatorMetric
+from .problem import DirectionProblem, ProblemBatch
 from .reduction import RUNGS, coordinates
 from .scaling import lengths
 from .step_result import StepResult
-from .vectors import Vectors
 
 # The coordinates of rows at an angle θ are rounded, which tilts them by eps/θ, and nothing mends a step as a solve is
 # mended: 1e-4 rad leave 1e-12 of it.
 _CLEAR_ROWS = 1e-8
 
-OnRows = Callable[..., StepResult]  # (gradients, slack, active, observe)
+OnRows = Callable[..., StepResult]  # (gradients, slack, active, observe); it may write to `active`
 
 
 def step_in_span(
-    on_rows: OnRows,
-    vectors: Sequence[Vectors],
-    slack: np.ndarray,
-    active: np.ndarray,
-    step_size: float,
-    observe: Any,
-) -> list[StepResult]:
-    """A `StepResult` for each run, in the order of their indices; `observe` sees the subproblems in coordinates."""
-    runs = zip(np.ndindex(slack.shape[:-1]), vectors, strict=True)
-    return [_step_one(on_rows, each, slack[run], active[run], step_size, observe) for run, each in runs]
-
-
-def _step_one(
     on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
 ) -> StepResult:
-    """By the first rung that is exact enough, else on the rows; DirectionError where there are none."""
+    """By the first rung that is exact enough, else on the rows, if there are any; `observe` sees what it is made of."""
     seen: list[tuple[ProblemBatch, DirectionBatch]] = []
     see = None if observe is None else lambda *pair: seen.append(pair)
     for rung in RUNGS:
@@ -64,3 +54,19 @@ def _step_one(
         raise DirectionError(str(Status.UNCERTIFIED))
     result = on_rows(np.vstack([vectors.whole_gradient(), vectors.whole_jacobian()]), slack, active, observe)
     return replace(result, change=vectors.from_row(result.change))
+
+
+def step_in_metric(
+    on_rows: OnRows, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, metric: OperatorMetric, observe: Any
+) -> StepResult:
+    """In the metric of v ↦ Mv, by `flat_span`. Rows that are not active cost no product: their coordinates are 0."""
+    g, J = np.ascontiguousarray(gradients[0]), np.ascontiguousarray(gradients[1:])
+    bound = np.where(active, 0.0, -np.inf)
+    problem = DirectionProblem.trusted(g, J, bound, np.zeros(len(bound), np.bool_))
+    vars(problem).update(metric=metric.product, whitening=metric)
+    span = SpanFlat.of(problem)
+    if span.failure is not None:
+        raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")
+    result = on_rows(np.vstack([span.problem.gradient, span.problem.jacobian]), slack, active.copy(), observe)
+    change = span.outside(result.change, slack, 0.0)[0]
+    return replace(result, change=change, predicted_slack=slack + J @ change)

@@ -22,14 +22,14 @@ def _kernel(*signature: str, returns: str = "void") -> Any:
     return partial(CompiledLate, f"{returns}({', '.join(signature)})")
 
 
-@_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="UniTuple(boolean, 2)")
+@_kernel(_CUBE, _MATRIX, _MASK, _MATRIX, _MASK, "int64[::1]", returns="boolean")
 def admit(gradients: Any, slack: Any, active: Any, target: Any, kept: Any, flat: Any) -> Any:
     """Target ← −min(slack, 0); kept ← active without constraints whose gradient is 0; flat ← their number, by run.
 
-    Returns whether there is any of these, and whether a row that is kept is beyond 2^±400.
+    Returns whether a row that is kept is beyond 2^±400.
     """
     runs, m = active.shape
-    any_flat = extreme = False
+    extreme = False
     for b in range(runs):
         flat[b] = 0
         for i in range(m):
@@ -42,33 +42,7 @@ def admit(gradients: Any, slack: Any, active: Any, target: Any, kept: Any, flat:
                 kept[b, i] = largest > 0.0
                 extreme = extreme or (largest > 0.0 and not 1.0 / _LARGE < largest < _LARGE)
                 flat[b] += not kept[b, i]
-        any_flat = any_flat or flat[b] > 0
-    return any_flat, extreme
-
-
-@_kernel(_CUBE, _MATRIX, _MASK, "boolean", "float64", _MATRIX, _CUBE, _MATRIX, _MASK, returns="boolean")
-def fill_problems(
-    gradients: Any, target: Any, active: Any, is_equality: bool, inside: float, g: Any, J: Any, b: Any, equality: Any
-) -> Any:
-    """Tangent problems with bound inside·target; then, where outputs have room, restorations: gradient 0, bound target.
-
-    Rows that are not active are inequalities with bound −∞. Returns whether all other bounds are finite.
-    """
-    runs, m = active.shape
-    finite = True
-    for k in range(len(g)):
-        run, is_tangent = k % runs, k < runs
-        for j in range(g.shape[1]):
-            g[k, j] = gradients[run, 0, j] if is_tangent else 0.0
-        for i in range(m):
-            for j in range(g.shape[1]):
-                J[k, i, j] = gradients[run, 1 + i, j]
-            b[k, i] = -float("inf")
-            equality[k, i] = is_equality and active[run, i]
-            if active[run, i]:
-                b[k, i] = inside * target[run, i] if is_tangent else target[run, i]
-                finite = finite and b[k, i] < float("inf")
-    return finite
+    return extreme
 
 
 @_kernel(_CUBE, _MATRIX, _MATRIX, _MATRIX)

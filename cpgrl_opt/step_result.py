@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import Bool, Float, Int
+from .validation import read_only
 
 COUNTS = ("infeasible", "fallback", "skipped", "dropped", "capped", "softened", "flat", "long")
 
@@ -41,24 +42,14 @@ class StepResult:
 
     def reshaped(self, runs: tuple[Any, ...]) -> "StepResult":
         """The same with these axes for the one of its runs."""
-        change, active, stationary, multipliers, residuals, predicted = (
-            None if part is None else part.reshape((*runs, *part.shape[1:])) for part in _arrays(self)
-        )
-        counts = {name: counted.reshape(runs) for name, counted in self.counts.items()}
-        return StepResult(change, active, stationary, counts, multipliers, residuals, predicted)  # type: ignore[arg-type]
-
-
-@cache
-def nothing(runs: tuple[Any, ...]) -> Int[np.ndarray, "*runs"]:
-    """Zeros that nobody can write to: what is counted in most updates."""
-    zeros = np.zeros(runs, np.int64)
-    zeros.flags.writeable = False
-    return zeros
+        parts = {name: part.reshape((*runs, *part.shape[1:])) for name, part in vars(self).items() if name != "counts"}
+        return StepResult(**parts, counts={name: counted.reshape(runs) for name, counted in self.counts.items()})
 
 
 @cache
 def _counted_nothing(runs: tuple[Any, ...]) -> dict[str, Int[np.ndarray, "*runs"]]:
-    return dict.fromkeys(COUNTS, nothing(runs))
+    """Zeros that nobody can write to: what is counted in most updates."""
+    return dict.fromkeys(COUNTS, read_only(np.zeros(runs, np.int64)))
 
 
 def usual_result(
@@ -85,18 +76,16 @@ def skipped_result(zero: Any, slack: Float[np.ndarray, "m"], active: Bool[np.nda
 
 
 def stack_results(results: Sequence[StepResult], runs: tuple[Any, ...], n: int, m: int) -> StepResult:
-    """Results of runs one by one, stacked to these axes."""
-    sizes = (n,), (m,), (), (m,), (4,), (m,)
-    dtypes = np.float64, np.bool_, np.bool_, np.float64, np.float64, np.float64
-    columns = zip(*map(_arrays, results), strict=True) if results else ((),) * len(sizes)
-    change, active, stationary, *proof = (
-        np.array(column, dtype).reshape(*runs, *size)
-        for column, size, dtype in zip(columns, sizes, dtypes, strict=True)
-    )
+    """Results of runs one by one, stacked to these axes; the one result where there are none."""
+    if not runs:
+        return results[0]
+    kinds = (
+        ("change", np.float64, (n,)), ("active", np.bool_, (m,)), ("stationary", np.bool_, ()),
+        ("multipliers", np.float64, (m,)), ("residuals", np.float64, (4,)), ("predicted_slack", np.float64, (m,)),
+    )  # fmt: skip
+    parts = {
+        name: np.array([getattr(each, name) for each in results], dtype).reshape((*runs, *size))
+        for name, dtype, size in kinds
+    }
     counts = {name: np.array([each.counts[name] for each in results], np.int64).reshape(runs) for name in COUNTS}
-    return StepResult(change, active, stationary, counts, *proof)
-
-
-def _arrays(result: StepResult) -> tuple[np.ndarray | None, ...]:
-    named = ("change", "active", "stationary", "multipliers", "residuals", "predicted_slack")
-    return tuple(getattr(result, name) for name in named)
+    return StepResult(**parts, counts=counts)

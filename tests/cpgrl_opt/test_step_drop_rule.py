@@ -71,6 +71,15 @@ def test_an_observer_keeps_what_it_saw():
         np.testing.assert_array_equal(answers.value, value)
 
 
+def test_a_contradiction_that_is_dropped_is_counted_no_more():
+    """Jv = t of two equal rows contradicts itself, and both rows leave."""
+    climbing = Linearization([0.0, -1.0, -2.0], [[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    kept, dropped = (ConstrainedStep(drop=drop)(climbing, [0.0, 0.0]) for drop in ("never", "stationary"))
+    assert (kept.counts["infeasible"], kept.counts["dropped"]) == (1, 0)
+    assert (dropped.counts["infeasible"], dropped.counts["dropped"]) == (0, 2)
+    assert (dropped.residuals <= 1e-15).all()
+
+
 class Forceful:
     """Right, but that it names a force where g and d vanish: nothing to measure it by."""
 
