@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 
 from .arrays import Bool, Float, Int, Multipliers
-from .validation import read_only, real_values, require_shape
+from .validation import read_only, real_values
 
 
 class Status(IntEnum):
@@ -168,9 +168,9 @@ class DirectionBatch(Sequence[Direction]):
 
     def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
         """A batch with `others`, in order, where the mask is True."""
-        own, fresh = self.owned(), iter(others)
+        fresh = iter(others)
         return DirectionBatch.stack(
-            [next(fresh) if new else each for each, new in zip(own, mask.tolist(), strict=True)]
+            [next(fresh) if new else each for each, new in zip(self, mask.tolist(), strict=True)]
         )
 
     def protected(self) -> "DirectionBatch":
@@ -178,32 +178,8 @@ class DirectionBatch(Sequence[Direction]):
         return self._each(read_only)
 
     def owned(self) -> "DirectionBatch":
-        """A copy in writeable C-contiguous float64 and int64: what a solver hands out may be none of that.
-
-        Raises ValueError for arrays that do not fit together or hold no real numbers.
-        """
-        value, multipliers = (
-            np.array(real_values(f"{name} of the answers", array), order="C")
-            for name, array in (("value", self.value), ("multipliers", self.multipliers))
-        )
-        for name, array in (("status", self.status), ("iterations", self.iterations)):
-            if np.asarray(array).dtype.kind not in "iu":
-                raise ValueError(f"{name} of the answers should be integers; found dtype {np.asarray(array).dtype}")
-        status, iterations = (np.array(array, dtype=np.int64) for array in (self.status, self.iterations))
-        for name, array, axes in (("value", value, 2), ("multipliers", multipliers, 2), ("status", status, 1)):
-            if array.ndim != axes:
-                raise ValueError(f"{name} of the answers should have {axes} axes; found shape {array.shape}")
-            require_shape(f"{name} of the answers", array, (len(status), *array.shape[1:]))
-        kappa = self.radius_multiplier
-        return DirectionBatch(
-            value,
-            multipliers,
-            status,
-            iterations,
-            None if kappa is None else np.array(real_values("radius_multiplier of the answers", kappa)),
-            None if self.residuals is None else self.residuals.copy(),
-            None if self.rung is None else self.rung.copy(),
-        )
+        """A copy that can be written to."""
+        return self._each(np.copy)
 
     def _each(self, changed: Callable[[np.ndarray], np.ndarray]) -> "DirectionBatch":
         """All arrays changed alike."""

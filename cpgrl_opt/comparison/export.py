@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..problem import DirectionProblem
-from ..solvers.interface import MissingPackageError
+from ..solvers import MissingPackageError
 from .recording import PARTS, Recording
 from .whole_file import whole_file
 
@@ -25,11 +25,12 @@ _AT_ONCE = 64  # problems of one row group: P alone has n² numbers
 class MissingExportError(MissingPackageError):
     """Parquet files need a package that is not installed; the message is the command that installs it."""
 
-    def __init__(self) -> None:
-        ImportError.__init__(
-            self, "the export to Parquet needs the package pyarrow, which is not installed; type: "
+    def __str__(self) -> str:
+        """Said without arguments."""
+        return (
+            "the export to Parquet needs the package pyarrow, which is not installed; type: "
             "pip install 'cpgrl-opt[export]'"
-        )  # fmt: skip
+        )
 
 
 def write_test_set(problems: Sequence[DirectionProblem], names: Sequence[str], path: Path) -> None:

@@ -13,22 +13,26 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
+from ..solvers.library_calls import BROKEN, answer_of, failure_named, quadratic_program
 from ..solvers.osqp import verdict_of
 from ..solvers.small_problem import SmallAnswer, SmallProblem
-from ..solvers.through_cvxpy import VERDICTS
-from ..solvers.through_qpsolvers import BACK_ENDS, answer_of, quadratic_program
+from ..solvers.through_qpsolvers import BACK_ENDS
+
+_SPARSE = ("clarabel", "highs", "scs")  # take sparse matrices only
 
 RawSolve = Callable[[DirectionProblem], Direction]
 
 
 def _through_qpsolvers(name: str, problem: DirectionProblem) -> Direction:
     from qpsolvers import ProblemError, SolverError, solve_problem
+    from scipy.sparse import csc_matrix
 
     whole = SmallProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)  # nothing reduced
     try:
-        solution = solve_problem(quadratic_program(whole, BACK_ENDS[name].is_sparse), name)
+        program = quadratic_program(whole, csc_matrix) if name in _SPARSE else quadratic_program(whole)
+        solution = solve_problem(program, name)
     except (ProblemError, SolverError):  # the library's way to decline
-        return _claimed(problem, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+        return _claimed(problem, BROKEN)
     return _claimed(problem, answer_of(whole, solution))
 
 
@@ -60,12 +64,12 @@ def _cvxpy(problem: DirectionProblem) -> Direction:
     try:
         statement.solve()
     except cvxpy.SolverError:
-        return _claimed(problem, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+        return _claimed(problem, BROKEN)
     multipliers = np.zeros(problem.m)
     for mask, is_equality, constraint in parts:
         if constraint.dual_value is not None:
             multipliers[mask] = (-1.0 if is_equality else 1.0) * constraint.dual_value
-    verdict = VERDICTS.get(statement.status, Status.UNCERTIFIED)
+    verdict = None if statement.status == cvxpy.OPTIMAL else failure_named(statement.status)
     return _claimed(problem, SmallAnswer(d.value, multipliers, failure=verdict))
 
 
@@ -85,7 +89,7 @@ def _nnls(problem: DirectionProblem) -> Direction:
     try:
         u, distance = nnls(matrix, target)
     except (RuntimeError, ValueError):  # too many iterations; −∞ in b
-        return _claimed(problem, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR))
+        return _claimed(problem, BROKEN)
     r = matrix @ u - target
     if distance <= np.finfo(np.float64).eps:  # ‖r‖ = 0 as printed
         return _claimed(problem, SmallAnswer(None, _folded(u, E, problem.m), failure=Status.INFEASIBLE))

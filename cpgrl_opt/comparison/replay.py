@@ -11,10 +11,9 @@ from ..arrays import Float, Int
 from ..certify import kkt_residuals
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS
-from ..solvers.asking import in_form
 from ..solvers.facts import facts_of
 from ..solvers.infeasibility import least_violation
-from ..solvers.interface import DirectionSolver
+from ..solvers.interface import DirectionSolver, in_form
 from ..validation import require_count
 from .contestants import DEFAULT_SOLVER
 from .families import ProblemFamily

@@ -24,7 +24,7 @@ from ..answers import as_direction
 from ..direction import Direction
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS, MissingPackageError, compile_kernels
-from ..solvers.packages import require_import
+from ..solvers.packages import require_package
 from .contestants import DEFAULT_SOLVER, contestant
 from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import ProblemFamily
@@ -197,7 +197,7 @@ def load_packages(solver: str) -> None:
     """Imports what a solver of SOLVERS stands on, so that no measurement does. Raises UnusablePackageError."""
     package = getattr(SOLVERS.get(solver), "package", None)
     if package is not None:
-        require_import(solver, package)
+        require_package(solver, package)
         for name in ("qpsolvers", "scipy.sparse", "scipy.optimize"):
             import_module(name)
 

@@ -12,27 +12,26 @@ from ..certify import certify
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, in_form
 from .active_set import ActiveSet
-from .asking import ask, vouch_for
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
 from .infeasibility import infeasible_direction
 from .interface import (
     DirectionSolver,
-    MissingPackageError,
-    UnusablePackageError,
+    ask,
     refereed,
     solve_stacked,
     unsupported,
+    vouch_for,
 )
 from .nnls import NNLS
 from .osqp import OSQP
-from .packages import has_package, import_failure
+from .packages import MissingPackageError, UnusablePackageError, has_package, import_failure
 from .rosen import Rosen
 from .rosen_drop import RosenDrop
 from .span import solve_in_span
 from .through_cvxpy import CVXPY
-from .through_qpsolvers import QPSolversBackend
+from .through_qpsolvers import BACK_ENDS, QPSolversBackend
 from .with_geometry import WithGeometry
 
 SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
@@ -43,19 +42,13 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
         "nnls": NNLS(),
         "enumeration": Enumeration(),
         "osqp": OSQP(),
-        "quadprog": QPSolversBackend("quadprog"),
-        "daqp": QPSolversBackend("daqp"),
-        "piqp": QPSolversBackend("piqp"),
-        "proxqp": QPSolversBackend("proxqp"),
-        "clarabel": QPSolversBackend("clarabel"),
-        "highs": QPSolversBackend("highs"),
-        "scs": QPSolversBackend("scs"),
+        **{name: QPSolversBackend(name) for name in BACK_ENDS},
         "cvxpy": CVXPY(),
     }
 )
 
 # They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where
-# they are used, on arrays that it never got hold of (see `asking`).
+# they are used, on arrays that it never got hold of (see `interface`).
 SELF_JUDGING = tuple({type(solver) for solver in SOLVERS.values()})
 vouch_for((*SELF_JUDGING, WithGeometry))  # which asks the solver inside it with the same care
 

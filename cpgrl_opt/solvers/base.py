@@ -8,6 +8,7 @@ from ..problem import DirectionProblem, ProblemBatch
 from .exact_core import project, project_batch, solve_small_exactly
 from .geometry import RowSolver, solve_batch_in_geometry, solve_in_geometry
 from .interface import no_answers, unsupported
+from .packages import require_packages
 from .pipeline import solve_by
 from .small_problem import SmallAnswer, SmallProblem
 from .span import solve_in_span
@@ -67,49 +68,11 @@ class SmallSolver(Solver):
     polish: bool = True
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The direction that the core finds; UNSUPPORTED where it takes no such constraints."""
+        """The direction that the core finds; UNSUPPORTED where it takes no such constraints.
+
+        Raises MissingPackageError, UnusablePackageError.
+        """
         if not self.supports(problem):
             return unsupported(problem)
+        require_packages(self)
         return solve_by(self.solve_small, problem, tolerance=self.tolerance, polished=self.polish)
-
-
-class Session(SmallSolver):
-    """A solver's workspace for problems of one shape; its core is `solve_small`."""
-
-    def __init__(self, settings: SmallSolver, n: int, m: int) -> None:
-        self.tolerance, self.polish = settings.tolerance, settings.polish
-        self.n, self.m = n, m
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; ValueError unless the problem has the session's shape."""
-        if (problem.m, problem.n) != (self.m, self.n):
-            raise ValueError(
-                f"problem should have m = {self.m} and n = {self.n} as its session; "
-                f"found m = {problem.m}, n = {problem.n}"
-            )
-        return super().solve(problem)
-
-
-class SolverWithSessions(SmallSolver):
-    """Base of a solver whose core keeps a workspace for one shape."""
-
-    def session(self, n: int, m: int, *, warm_start: bool = False) -> Session:
-        """A workspace for problems with n parameters and m constraints; warm_start: from the last answer."""
-        raise NotImplementedError
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction from a workspace of its own; see `Status`. Raises MissingPackageError."""
-        return self.session(problem.n, problem.m).solve(problem)
-
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """The directions of problems of one shape, one after the other in one workspace, each from a cold start."""
-        stacked = ProblemBatch.stack(problems)
-        if len(stacked) == 0:
-            return no_answers(stacked)
-        session = self.session(stacked[0].n, stacked[0].m)
-        return DirectionBatch.stack([session.solve(problem) for problem in stacked])
-
-    def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The core, in a workspace of its own."""
-        count, k = small.rows.shape
-        return self.session(k, count).solve_small(small)

@@ -1,17 +1,28 @@
-"""What a direction solver is, and how to ask one that declares little."""
+"""What a direction solver is, and how it is asked, somebody else's with care.
 
-from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+A solver that writes to the arrays of a problem would be judged by what it made of them. So it gets a copy, read-only:
+NumPy refuses to write to it; what LAPACK writes all the same (`scipy.linalg.solve(A, b, overwrite_b=True)` does not
+look at the flag), or what is written after the flag was turned, stays in the copy. Our own solvers get the arrays
+themselves, read-only too. What somebody else's solver returns is checked for its form.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from ..answers import as_direction, as_directions
 from ..certify import certify
 from ..direction import Direction, DirectionBatch, Status
 from ..problem import DirectionProblem, ProblemBatch, nothing
 from ..validation import require_count
-from .asking import ask, ask_batch
 from .facts import facts_of
 from .infeasibility import infeasible_direction
+
+Answer = TypeVar("Answer")
+
+_OURS: set[type] = set()
 
 
 @runtime_checkable
@@ -32,49 +43,51 @@ class DirectionSolver(Protocol):
         ...
 
 
-def refereed(
-    problems: ProblemBatch | Sequence[DirectionProblem], answers: DirectionBatch, tolerance: float
-) -> DirectionBatch:
-    """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
+def vouch_for(kinds: Iterable[type]) -> None:
+    """Solvers of these classes, not of their subclasses, get the arrays themselves and are believed in their form."""
+    _OURS.update(kinds)
 
-    They are copied as contiguous float64 arrays. See `certify` for what stands.
-    """
-    answers = answers.owned()
-    if len(answers) != len(problems):
-        raise ValueError(f"answers should be one for each of {len(problems)} problems; found {len(answers)}")
-    if len(answers) == 0:
+
+def ask(solver: Any, problem: DirectionProblem) -> Direction:
+    """solver.solve(problem); ValueError that names a solver which writes to the problem or returns no direction."""
+    if type(solver) in _OURS:
+        answer: Direction = solver.solve(problem)
+        return answer
+    with _writing_explained(solver):
+        found = solver.solve(problem.copied())
+    return in_form(solver, as_direction, found, problem.n, problem.m)
+
+
+def ask_batch(solver: Any, problems: ProblemBatch) -> DirectionBatch:
+    """solver.solve_batch(problems), as `ask`; of at least one problem."""
+    if type(solver) in _OURS:
+        answers: DirectionBatch = solver.solve_batch(problems)
         return answers
-    pairs = zip(problems, answers, strict=True)
-    return DirectionBatch.stack([certify(*pair, tolerance, infeasible_direction) for pair in pairs])
+    with _writing_explained(solver):
+        found = solver.solve_batch(problems.copied())
+    count, m, n = problems.jacobian.shape
+    return in_form(solver, as_directions, found, count, n, m)
 
 
-class MissingPackageError(ImportError):
-    """A solver's package is not installed; the message is the command that installs it."""
-
-    def __init__(self, solver: str, package: str, extra: str) -> None:
-        super().__init__(
-            f"solver {solver!r} needs the package {package}, which is not installed; "
-            f"type: pip install 'cpgrl-opt[{extra}]'"
-        )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """As its message, and notes: a worker process raises it too, and pickle would call __init__ with that alone."""
-        return _rebuilt, (type(self), str(self)), vars(self)
-
-
-def _rebuilt(kind: type[MissingPackageError], message: str) -> MissingPackageError:
-    error = kind.__new__(kind, message)
-    ImportError.__init__(error, message)
-    return error
+@contextmanager
+def _writing_explained(solver: Any) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        if "read-only" not in str(error):  # NumPy's word for it, and Cython's
+            raise
+        raise ValueError(
+            f"solver should leave the arrays of a problem as they are, and work on copies; found {solver!r}, which "
+            f"wrote to one: {error}"
+        ) from error
 
 
-class UnusablePackageError(MissingPackageError):
-    """A solver's package is installed, yet cannot be imported, e.g. for want of a system library; says why."""
-
-    def __init__(self, solver: str, package: str, reason: ImportError) -> None:
-        ImportError.__init__(
-            self, f"solver {solver!r} needs the package {package}, which is installed but cannot be imported: {reason}"
-        )
+def in_form(solver: Any, form: Callable[..., Answer], *answer_and_shape: Any) -> Answer:
+    """form(answer, …), its ValueError with the solver's name."""
+    try:
+        return form(*answer_and_shape)
+    except ValueError as error:
+        raise ValueError(f"{error}, from {solver!r}") from None
 
 
 def solve_stacked(
@@ -86,9 +99,9 @@ def solve_stacked(
     writes to the problems or returns no directions. Of a batch of no problems it is not asked.
     """
     require_count("threads", threads)
+    problems = ProblemBatch.stack(problems)
     if len(problems) == 0:
         return no_answers(problems)
-    problems = ProblemBatch.stack(problems)
     if (parts := min(threads, len(problems))) == 1:
         return _solve_part(solver, problems)
     ends = [len(problems) * k // parts for k in range(parts + 1)]
@@ -110,16 +123,28 @@ def _solve_part(solver: DirectionSolver, problems: ProblemBatch) -> DirectionBat
     if taken.all():
         return ask_batch(solver, problems)
     answers = DirectionBatch.stack([unsupported(problem) for problem in problems])
-    if not taken.any():
+    return answers.replaced(taken, ask_batch(solver, problems.chosen(taken))) if taken.any() else answers
+
+
+def refereed(
+    problems: ProblemBatch | Sequence[DirectionProblem], answers: DirectionBatch, tolerance: float
+) -> DirectionBatch:
+    """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.
+
+    They are copied as contiguous float64 arrays. See `certify` for what stands.
+    """
+    if len(answers) != len(problems):
+        raise ValueError(f"answers should be one for each of {len(problems)} problems; found {len(answers)}")
+    if len(answers) == 0:
         return answers
-    return answers.replaced(taken, ask_batch(solver, problems.chosen(taken)))
+    pairs = zip(problems, DirectionBatch.stack(answers), strict=True)
+    return DirectionBatch.stack([certify(*pair, tolerance, infeasible_direction) for pair in pairs])
 
 
-def no_answers(problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-    """The answers to a batch of no problems; ValueError for a sequence of none, which has no shape."""
-    none = ProblemBatch.stack(problems)
+def no_answers(problems: ProblemBatch) -> DirectionBatch:
+    """The answers to a batch of no problems."""
     zeros = np.zeros(0, np.int64)
-    return DirectionBatch(np.zeros(none.gradient.shape), np.zeros(none.bound.shape), zeros, zeros.copy())
+    return DirectionBatch(np.zeros(problems.gradient.shape), np.zeros(problems.bound.shape), zeros, zeros.copy())
 
 
 def unsupported(problem: DirectionProblem) -> Direction:

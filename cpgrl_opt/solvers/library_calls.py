@@ -7,91 +7,75 @@ them changed, for the other threads. So each library is asked in a way in which 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from ..arrays import Bool, Int
+from ..direction import Status
 from .interrupts import run_alone
-from .small_problem import SmallProblem
+from .small_problem import SmallAnswer, SmallProblem
 
 _SCS_SIGINT, _SCS_SOLVED = -5, 1
+BROKEN = SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR)  # the library gave up without an answer
 
 
-class LibraryError(Exception):
-    """A library gave up without an answer."""
-
-
-@dataclass(frozen=True, eq=False)
-class LibraryAnswer:
-    """What a library claims, with the names of qpsolvers' Solution: x, the duals y of E and z of I, and its status."""
-
-    found: bool
-    x: np.ndarray | None = None
-    y: np.ndarray | None = None
-    z: np.ndarray | None = None
-    extras: Mapping[str, Any] = field(default_factory=dict)
-
-
-def call_quadprog(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_quadprog(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     """Goldfarb and Idnani's method; rows of C are ≥, the equalities first."""
     from quadprog import solve_qp
 
-    matrix, bound, equalities = _equalities_first(small)
-    hessian = np.eye(len(small.center))
+    matrix, bound, order = _stack(small, small.equality)
+    hessian, equalities = np.eye(len(small.center)), int(small.equality.sum())
     try:
-        x, _, _, iterations, duals, active = solve_qp(hessian, small.center, -matrix.T, -bound, equalities, **options)
+        x, _, _, iterations, duals, _ = solve_qp(hessian, small.center, -matrix.T, -bound, equalities, **options)
     except ValueError as error:
         if "no solution" in str(error):
-            return LibraryAnswer(found=False)  # no answer and no status: the referee looks for the proof
-        raise LibraryError(str(error)) from error  # dependent equalities, which it takes for an indefinite Hessian
-    extras = {"iact": active, "iterations": iterations}
-    return LibraryAnswer(True, x, duals[:equalities], duals[equalities:], extras)
+            return SmallAnswer(None, None, failure=Status.INFEASIBLE)  # the referee looks for the proof
+        return BROKEN  # dependent equalities, which it takes for an indefinite Hessian
+    return _answer(small, order, x, duals, None, int(np.max(iterations)))
 
 
-def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     """A cone of zeros for E, then one of non-negative slacks for I."""
     import clarabel
     from scipy.sparse import csc_matrix
 
-    matrix, bound, equalities = _equalities_first(small)
+    matrix, bound, order = _stack(small, small.equality)
+    equalities = int(small.equality.sum())
     settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    for name, value in options.items():
+    for name, value in {"verbose": False, **options}.items():
         setattr(settings, name, value)
     sizes = ((clarabel.ZeroConeT, equalities), (clarabel.NonnegativeConeT, len(bound) - equalities))
     cones = [cone(size) for cone, size in sizes if size > 0]
     identity = csc_matrix(np.eye(len(small.center)))
     try:
         solver = clarabel.DefaultSolver(identity, -small.center, csc_matrix(matrix), bound, cones, settings)
-    except Exception as error:  # it names no class of its own
-        raise LibraryError(str(error)) from error
+    except Exception:  # it names no class of its own
+        return BROKEN
     result = solver.solve()
-    duals = np.array(result.z)
-    is_solved = result.status == clarabel.SolverStatus.Solved
-    return LibraryAnswer(
-        is_solved, np.array(result.x), duals[:equalities], duals[equalities:], {"status": result.status}
-    )
+    failure = None if result.status == clarabel.SolverStatus.Solved else failure_named(result.status)
+    return _answer(small, order, result.x, np.array(result.z), failure)
 
 
-def call_scs(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_scs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     """The zero cone for E, then the positive cone for I."""
     import scs
     from scipy.sparse import csc_matrix
 
-    matrix, bound, equalities = _equalities_first(small)
+    matrix, bound, order = _stack(small, small.equality)
     data = {"P": csc_matrix(np.eye(len(small.center))), "c": -small.center, "A": csc_matrix(matrix), "b": bound}
-    sizes = {"z": equalities, "l": len(bound) - equalities}
-    cone = {name: size for name, size in sizes.items() if size > 0}
+    equalities = int(small.equality.sum())
+    cone = {name: size for name, size in (("z", equalities), ("l", len(bound) - equalities)) if size > 0}
     solve = partial(scs.solve, data, cone, **{"verbose": False, **options})
     result = run_alone(solve, lambda result: result["info"]["status_val"] == _SCS_SIGINT)
-    info, duals = result["info"], result["y"]
-    return LibraryAnswer(info["status_val"] == _SCS_SOLVED, result["x"], duals[:equalities], duals[equalities:], info)
+    info = result["info"]
+    failure = None if info["status_val"] == _SCS_SOLVED else failure_named(info["status"])
+    return _answer(small, order, result["x"], result["y"], failure, info["iter"])
 
 
-def call_highs(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
+def call_highs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     """HiGHS in a thread of its own.
 
     HiGHS keeps one pool of workers for each thread that calls it, as large as the first call asked for. Later calls
@@ -106,52 +90,121 @@ def call_highs(small: SmallProblem, options: dict[str, Any]) -> LibraryAnswer:
     from highspy._core import _Highs
 
     solver = _Highs()
-    solver.setOptionValue("output_flag", False)
-    for name, value in options.items():
+    for name, value in {"output_flag": False, **options}.items():
         solver.setOptionValue(name, value)
-    solver.passModel(_highs_model(small))
+    matrix, bound, order = _stack(small, ~small.equality)
+    solver.passModel(_highs_model(small.center, matrix, np.where(small.equality[order], bound, -np.inf), bound))
     with ThreadPoolExecutor(max_workers=1) as own_thread:
         own_thread.submit(solver.run).result()
     result = solver.getSolution()
-    duals = -np.array(result.row_dual)
-    is_solved = solver.getModelStatus() == HighsModelStatus.kOptimal
-    of_inequalities = int((~small.equality).sum())
-    return LibraryAnswer(is_solved, np.array(result.col_value), duals[of_inequalities:], duals[:of_inequalities])
+    failure = None if solver.getModelStatus() == HighsModelStatus.kOptimal else Status.UNCERTIFIED
+    return _answer(small, order, result.col_value, -np.array(result.row_dual), failure)
 
 
-def _highs_model(small: SmallProblem) -> Any:
-    """lower ≤ Ax ≤ upper with the inequalities first; the lower triangle of the Hessian; no limits on x."""
+def _highs_model(center: np.ndarray, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Any:
+    """lower ≤ Ax ≤ upper; the lower triangle of the Hessian; no limits on x."""
     import highspy
     from scipy.sparse import csc_matrix
 
-    inequality, center = ~small.equality, small.center
-    rows = csc_matrix(np.vstack([-small.rows[inequality], small.rows[small.equality]]))
-    unlimited = np.full(int(inequality.sum()), -highspy.kHighsInf)
+    rows = csc_matrix(matrix)
     model, n = highspy.HighsModel(), len(center)
     lp, hessian = model.lp_, model.hessian_
     hessian.dim_, hessian.start_ = n, np.arange(n + 1, dtype=np.int32)
     hessian.index_, hessian.value_ = np.arange(n, dtype=np.int32), np.ones(n)
     lp.num_col_, lp.col_cost_ = n, -center
     lp.col_lower_, lp.col_upper_ = np.full(n, -highspy.kHighsInf), np.full(n, highspy.kHighsInf)
-    lp.num_row_ = len(small.bound)
-    lp.row_lower_ = np.concatenate([unlimited, small.bound[small.equality]])
-    lp.row_upper_ = np.concatenate([-small.bound[inequality], small.bound[small.equality]])
+    lp.num_row_, lp.row_lower_, lp.row_upper_ = len(upper), lower, upper
     lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
     lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = rows.shape
     lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = rows.indptr, rows.indices, rows.data
     return model
 
 
-def _equalities_first(small: SmallProblem) -> tuple[np.ndarray, np.ndarray, int]:
-    """(A_E above −A_I, b_E above −b_I, how many equalities)."""
-    equality = small.equality
-    matrix = np.vstack([small.rows[equality], -small.rows[~equality]])
-    bound = np.concatenate([small.bound[equality], -small.bound[~equality]])
-    return matrix, bound, int(equality.sum())
+def call_through_qpsolvers(name: str, small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
+    """A back end about which qpsolvers says nothing."""
+    from qpsolvers import ProblemError, SolverError, solve_problem
+
+    try:
+        return answer_of(small, solve_problem(quadratic_program(small), name, verbose=False, **options))
+    except (ProblemError, SolverError):
+        return BROKEN
 
 
-LibraryCall = Callable[[SmallProblem, dict[str, Any]], Any]  # what `answer_of` takes
+def quadratic_program(small: SmallProblem, matrix: Callable[..., Any] = np.ascontiguousarray) -> Any:
+    """The problem as qpsolvers states it; matrix: the kind of matrices that the back end takes."""
+    from qpsolvers import Problem
 
-LIBRARY_CALLS: Mapping[str, LibraryCall] = MappingProxyType(
-    {"quadprog": call_quadprog, "clarabel": call_clarabel, "scs": call_scs, "highs": call_highs}
+    equality, inequality = small.equality, ~small.equality
+    G = h = A = b = None
+    if inequality.any():
+        G, h = matrix(-small.rows[inequality]), -small.bound[inequality]
+    if equality.any():
+        A, b = matrix(small.rows[equality]), small.bound[equality]
+    return Problem(matrix(np.eye(len(small.center))), -small.center, G, h, A, b)
+
+
+def answer_of(small: SmallProblem, solution: Any) -> SmallAnswer:
+    """What qpsolvers' Solution says: x, z of I and y of E."""
+    extras, inequality = solution.extras, ~small.equality
+    info = extras.get("info")
+    iterations = extras.get("iterations", extras.get("iter", getattr(info, "iter", 0)))
+    failure: Status | None = Status.INFEASIBLE if solution.x is None else Status.UNCERTIFIED
+    if (status := extras.get("status", getattr(info, "status", None))) is not None:
+        failure = failure_named(status)
+    parts = ((solution.z, int(inequality.sum())), (solution.y, int(small.equality.sum())))
+    duals = [np.zeros(count) if found is None or len(found) != count else found for found, count in parts]
+    order = _order(inequality)
+    failure = None if solution.found else failure
+    return _answer(small, order, solution.x, np.concatenate(duals), failure, int(np.max(iterations)))
+
+
+def failure_named(status: object) -> Status:
+    """A library's own status in our terms, e.g. PIQP_MAX_ITER_REACHED, MaxIterations, PrimalInfeasible, user_limit."""
+    text = str(status).lower().replace("_", "")
+    if "infeasible" in text:
+        return Status.INFEASIBLE
+    is_limit = any(limit in text for limit in ("maxiter", "maxtime", "userlimit"))
+    return Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED
+
+
+def _stack(small: SmallProblem, first: Bool[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "p"]]:
+    """A_E and −A_I, b_E and −b_I, the rows where `first` is True above the others; and their order."""
+    order = _order(first)
+    sign = np.where(small.equality[order], 1.0, -1.0)
+    return sign[:, None] * small.rows[order], sign * small.bound[order], order
+
+
+def _order(first: Bool[np.ndarray, "p"]) -> Int[np.ndarray, "p"]:
+    return np.argsort(~first, kind="stable")
+
+
+def _answer(
+    small: SmallProblem,
+    order: Int[np.ndarray, "p"],
+    x: Any,
+    duals: np.ndarray,
+    failure: Status | None,
+    iterations: int = 0,
+) -> SmallAnswer:
+    """x and μ of the duals in this order: μ_I = z and μ_E = −y, those of −A_I x ≤ −b_I and A_E x = b_E."""
+    if x is None:
+        return SmallAnswer(None, None, iterations, failure)
+    point = np.asarray(x, dtype=np.float64)
+    if point.shape != small.center.shape:  # HiGHS without an answer gives an empty one
+        return SmallAnswer(None, None, iterations, Status.NUMERICAL_ERROR)
+    multipliers = np.zeros(len(order))
+    multipliers[order] = np.where(small.equality[order], -1.0, 1.0) * duals
+    return SmallAnswer(point, multipliers, iterations, failure)
+
+
+LIBRARY_CALLS: Mapping[str, Callable[[SmallProblem, dict[str, Any]], SmallAnswer]] = MappingProxyType(
+    {
+        "quadprog": call_quadprog,
+        "daqp": partial(call_through_qpsolvers, "daqp"),
+        "piqp": partial(call_through_qpsolvers, "piqp"),
+        "proxqp": partial(call_through_qpsolvers, "proxqp"),
+        "clarabel": call_clarabel,
+        "highs": call_highs,
+        "scs": call_scs,
+    }
 )

@@ -3,21 +3,23 @@
 min ½xᵀx − cᵀx   s.t.   l ≤ Ax ≤ u,   u = l on E, u = ∞ on I
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..direction import Status
-from .base import Session, SolverWithSessions
+from ..direction import Direction, DirectionBatch, Status
+from ..problem import DirectionProblem, ProblemBatch
+from .base import SmallSolver
 from .interrupts import run_alone
-from .packages import require_import, require_package
+from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 
 
 @dataclass(frozen=True, kw_only=True)
-class OSQP(SolverWithSessions):
+class OSQP(SmallSolver):
     """Operator splitting on the small problem, then our polishing.
 
     tolerance: the worst KKT residual of an OPTIMAL answer; polish: project once more onto the face found.
@@ -36,36 +38,62 @@ class OSQP(SolverWithSessions):
 
     def session(self, n: int, m: int, *, warm_start: bool = False) -> "OSQPSession":
         """A workspace for problems with n parameters and m constraints; warm_start: from the last answer."""
-        require_package("osqp", "osqp", "solvers")
-        require_import("osqp", "osqp")
+        require_packages(self)
         return OSQPSession(self, n, m, warm_start=warm_start)
 
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction from a workspace of its own; see `Status`. Raises MissingPackageError."""
+        return self.session(problem.n, problem.m).solve(problem)
 
-class OSQPSession(Session):
+    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
+        """B problems of one shape, one after the other in one workspace, each from a cold start."""
+        stacked = ProblemBatch.stack(problems)
+        _, m, n = stacked.jacobian.shape
+        return self.session(n, m).solve_batch(stacked)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """ADMM's x and μ, from a workspace of its own."""
+        m, k = small.rows.shape
+        return self.session(k, m).solve_small(small)
+
+
+class OSQPSession(SmallSolver):
     """OSQP's workspace for one shape. With `warm_start` each problem starts at the last one's answer.
 
     Problems that lose rows or coordinates on the way here are filled up with zeros, so that the pattern stays.
     """
 
     def __init__(self, settings: OSQP, n: int, m: int, *, warm_start: bool = False) -> None:
-        super().__init__(settings, n, m)
-        self.settings = settings
-        self.warm_start = warm_start
-        self._rows, self._coordinates = m, min(n, m + 1)
+        self.tolerance, self.polish = settings.tolerance, settings.polish
+        self.settings, self.n, self.m, self.warm_start = settings, n, m, warm_start
         self._workspace: Any = None
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        """The certified direction; ValueError unless the problem has the session's shape."""
+        if (problem.m, problem.n) != (self.m, self.n):
+            raise ValueError(
+                f"problem should have m = {self.m} and n = {self.n} as its session; "
+                f"found m = {problem.m}, n = {problem.n}"
+            )
+        return super().solve(problem)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """ADMM's x and μ."""
+        from osqp import SolverStatus
+
         count, k = small.rows.shape
-        A = np.zeros((self._rows, self._coordinates))
-        A[:count, :k] = small.rows
-        q = np.zeros(self._coordinates)
-        q[:k] = -small.center
-        lower, upper = np.full(self._rows, -np.inf), np.full(self._rows, np.inf)
+        A, q = np.zeros((self.m, min(self.n, self.m + 1))), np.zeros(min(self.n, self.m + 1))
+        A[:count, :k], q[:k] = small.rows, -small.center
+        lower, upper = np.full(self.m, -np.inf), np.full(self.m, np.inf)
         lower[:count] = small.bound
         upper[:count][small.equality] = small.bound[small.equality]
         self._load(A, q, lower, upper)
-        return self._run(count, k)
+        solve = partial(self._workspace.solve, raise_error=False)
+        result = run_alone(solve, lambda result: result.info.status_val == SolverStatus.OSQP_SIGINT)
+        failure, iterations = verdict_of(result.info.status_val), int(result.info.iter)
+        if result.x is None:
+            return SmallAnswer(None, None, iterations, failure)
+        return SmallAnswer(np.array(result.x[:k], np.float64), -np.array(result.y[:count]), iterations, failure)
 
     def _load(self, A: np.ndarray, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
         if self._workspace is None:
@@ -75,15 +103,6 @@ class OSQPSession(Session):
         if not self.warm_start:  # ADMM's adapted step size is state as well
             self._workspace.warm_start(x=np.zeros(len(q)), y=np.zeros(len(lower)))
             self._workspace.update_settings(rho=self.settings.rho)
-
-    def _run(self, count: int, k: int) -> SmallAnswer:
-        solve = partial(self._workspace.solve, raise_error=False)
-        result = run_alone(solve, lambda result: is_interrupted(result.info.status_val))
-        verdict = verdict_of(result.info.status_val)
-        if result.x is None:
-            return SmallAnswer(None, None, int(result.info.iter), verdict)
-        point = np.array(result.x[:k], dtype=np.float64)
-        return SmallAnswer(point, -np.array(result.y[:count]), int(result.info.iter), verdict)
 
 
 def verdict_of(status_value: int) -> Status | None:
@@ -101,13 +120,6 @@ def verdict_of(status_value: int) -> Status | None:
     return failures.get(SolverStatus(status_value), Status.NUMERICAL_ERROR)
 
 
-def is_interrupted(status_value: int) -> bool:
-    """Whether OSQP stopped at Ctrl-C, which it catches while it runs."""
-    from osqp import SolverStatus
-
-    return bool(status_value == SolverStatus.OSQP_SIGINT)
-
-
 def _workspace(settings: OSQP, A: np.ndarray, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Any:
     import osqp
     from scipy.sparse import csc_matrix
@@ -116,21 +128,13 @@ def _workspace(settings: OSQP, A: np.ndarray, q: np.ndarray, lower: np.ndarray, 
     # Every entry is stored, zeros too: later problems fill the same pattern.
     pattern = (np.tile(np.arange(rows), columns), np.arange(0, rows * columns + 1, rows))
     stored = csc_matrix((A.ravel(order="F"), *pattern), shape=A.shape)
+    options = {
+        "verbose": False, "polishing": False, "rho": settings.rho,
+        "eps_abs": 1e-1 * settings.tolerance, "eps_rel": 0.0,
+        "eps_prim_inf": 1e-10,  # coarser calls a far answer infeasible, finer takes 10⁴ steps for a weak one
+        "max_iter": settings.iteration_limit, "time_limit": settings.time_limit,
+        "adaptive_rho_interval": 25,  # counted in iterations: timed adaptation would change the answer
+    }  # fmt: skip
     workspace = osqp.OSQP(algebra="builtin")
-    workspace.setup(
-        csc_matrix(np.eye(columns)),
-        q,
-        stored,
-        lower,
-        upper,
-        verbose=False,
-        eps_abs=1e-1 * settings.tolerance,
-        eps_rel=0.0,
-        eps_prim_inf=1e-10,  # coarser calls a far answer infeasible, finer takes 10⁴ steps for a weak one
-        max_iter=settings.iteration_limit,
-        time_limit=settings.time_limit,
-        rho=settings.rho,
-        polishing=False,
-        adaptive_rho_interval=25,  # counted in iterations: timed adaptation would change the answer
-    )
+    workspace.setup(csc_matrix(np.eye(columns)), q, stored, lower, upper, **options)
     return workspace

@@ -2,8 +2,33 @@
 
 from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
-from .interface import MissingPackageError, UnusablePackageError
+from .facts import facts_of
+
+
+class MissingPackageError(ImportError):
+    """A solver's package is not installed; the message is the command that installs it.
+
+    Made of the names of the solver, of the package, and of the extra that brings it.
+    """
+
+    def __str__(self) -> str:
+        """From the arguments alone, with which pickle makes the error anew in another process."""
+        solver, package, extra = self.args
+        return (
+            f"solver {solver!r} needs the package {package}, which is not installed; "
+            f"type: pip install 'cpgrl-opt[{extra}]'"
+        )
+
+
+class UnusablePackageError(MissingPackageError):
+    """A solver's package is installed, yet cannot be imported, e.g. for want of a system library; says why."""
+
+    def __str__(self) -> str:
+        """The third argument is the reason."""
+        solver, package, reason = self.args
+        return f"solver {solver!r} needs the package {package}, which is installed but cannot be imported: {reason}"
 
 
 def has_package(package: str) -> bool:
@@ -11,21 +36,23 @@ def has_package(package: str) -> bool:
     return find_spec(package) is not None
 
 
-def require_package(solver: str, package: str, extra: str) -> None:
-    """MissingPackageError with the command that installs `package` unless it is there."""
+def require_packages(solver: Any) -> None:
+    """Imports what the solver stands on. Raises MissingPackageError, UnusablePackageError."""
+    packages = facts_of(solver).packages
+    for package in packages:
+        require_package(getattr(solver, "name", packages[0]), package, getattr(solver, "extra", "solvers"))
+
+
+def require_package(solver: str, package: str, extra: str = "solvers") -> None:
+    """Imports `package`. Raises MissingPackageError, UnusablePackageError."""
     if not has_package(package):
         raise MissingPackageError(solver, package, extra)
-
-
-def require_import(solver: str, package: str) -> None:
-    """UnusablePackageError with the reason if `package`, which is there, cannot be imported."""
-    reason = import_failure(package)
-    if reason is not None:
-        raise UnusablePackageError(solver, package, reason) from reason
+    if (reason := import_failure(package)) is not None:
+        raise UnusablePackageError(solver, package, str(reason)) from reason
 
 
 def import_failure(package: str) -> ImportError | None:
-    """What the import of `package` raises, None where it can be imported; it then is."""
+    """The ImportError that importing `package` raises, or None on success."""
     try:
         import_module(package)
     except ImportError as reason:

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, without_geometry
-from .asking import ask
 from .base import Solver
 from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
-from .interface import DirectionSolver, solve_stacked, unsupported
+from .interface import DirectionSolver, ask, solve_stacked, unsupported
 from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 
 

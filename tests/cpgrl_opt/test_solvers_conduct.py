@@ -4,6 +4,7 @@ import dataclasses
 import pickle
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from cpgrl_opt.solvers import (
     solve_batch,
     solver_named,
     supports,
+    through_cvxpy,
     tolerance_of,
 )
 
@@ -151,16 +153,18 @@ def test_a_cold_session_forgets_and_a_warm_one_agrees() -> None:
 
 
 def test_a_session_refuses_another_shape() -> None:
-    for session in (OSQP().session(5, 4), CVXPY().session(5, 4)):
-        with pytest.raises(ValueError, match="m = 4 and n = 5 as its session; found m = 3, n = 5"):
-            session.solve(cone(0, m=3))
+    with pytest.raises(ValueError, match="m = 4 and n = 5 as its session; found m = 3, n = 5"):
+        OSQP().session(5, 4).solve(cone(0, m=3))
 
 
-def test_cvxpy_compiles_a_shape_once() -> None:
-    session = CVXPY().session(5, 4)
-    answers = [session.solve(cone(seed)) for seed in range(4)]
-    assert all(answer.status == Status.OPTIMAL for answer in answers)
-    assert session.compiled_shapes == 1
+def test_cvxpy_compiles_a_shape_once_in_each_thread() -> None:
+    through_cvxpy.statement_of.cache_clear()
+    for _ in range(2):
+        assert all(CVXPY().solve(cone(seed)).status == Status.OPTIMAL for seed in range(4))
+    assert through_cvxpy.statement_of.cache_info().misses == 1
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(CVXPY().solve, cone(0)).result().status == Status.OPTIMAL
+    assert through_cvxpy.statement_of.cache_info().misses == 2
 
 
 def test_the_names_of_the_contract_are_there() -> None:

@@ -134,7 +134,7 @@ def test_a_file_in_the_place_of_the_directory_is_refused(tmp_path):
 
 def test_a_solver_that_is_not_installed_says_what_to_type(tmp_path, monkeypatch):
     monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "daqp")
-    monkeypatch.setattr("cpgrl_opt.solvers.through_qpsolvers.has_package", lambda package: package != "daqp")
+    monkeypatch.setattr("cpgrl_opt.solvers.packages.has_package", lambda package: package != "daqp")
     result = cpgrl("reproduce", "three-state", *TINY, "--solver", "daqp", "--out", tmp_path)
     assert result.exit_code == 2
     assert "pip install 'cpgrl-opt[solvers]'" in result.stderr
