@@ -31,7 +31,7 @@ def as_directions(answers: Any, count: int, n: int, m: int) -> DirectionBatch:
         if len(answers) != count:
             raise ValueError(f"{what}; found {len(answers)}")
         return DirectionBatch.stack([as_direction(answer, n, m) for answer in answers])
-    return DirectionBatch(*_parts(what, answers, (count,), n, m))  # type: ignore[call-arg]
+    return DirectionBatch(*_parts(what, answers, (count,), n, m))
 
 
 def _parts(what: str, answer: Any, shape: tuple[Any, ...], n: int, m: int) -> tuple[np.ndarray, ...]:
