@@ -200,37 +200,34 @@ def _rest_and_length(d: Any, forced: Any) -> tuple[float, float]:
 
 
 @_reordered
-def _add_three(first: Any, second: Any, a: Any, b: Any, c: Any, x: Any, y: Any, z: Any) -> None:
-    """first += a₀x + b₀y + c₀z, second += a₁x + b₁y + c₁z: each number loaded serves both."""
-    for t in range(first.shape[0]):
-        p, q, r = _value(x[t]), _value(y[t]), _value(z[t])
-        first[t] += a[0] * p + b[0] * q + c[0] * r
-        second[t] += a[1] * p + b[1] * q + c[1] * r
+def _add_three(total: Any, a: float, b: float, c: float, x: Any, y: Any, z: Any) -> None:
+    """total += a x + b y + c z."""
+    for t in range(total.shape[0]):
+        total[t] += a * _value(x[t]) + b * _value(y[t]) + c * _value(z[t])
 
 
 @_plain
-def _chosen(weights: Any, forces: Any) -> Any:
-    """Rows of which a weight is not 0, and both weights, (count, 2); filled up to threes with weights of 0."""
-    rows, pairs, count = np.zeros(len(weights) + 2, np.int64), np.zeros((len(weights) + 2, 2)), 0
+def _chosen(weights: Any) -> Any:
+    """Rows whose weight is not 0, and these weights; filled up to threes with weights of 0."""
+    rows, chosen, count = np.zeros(len(weights) + 2, np.int64), np.zeros(len(weights) + 2), 0
     for i in range(len(weights)):
-        if weights[i] != 0.0 or forces[i] != 0.0:
-            rows[count], pairs[count, 0], pairs[count, 1] = i, weights[i], forces[i]
+        if weights[i] != 0.0:
+            rows[count], chosen[count] = i, weights[i]
             count += 1
     rows[count:] = rows[max(count - 1, 0)]
-    return rows, pairs, count
+    return rows, chosen, count
 
 
 @_plain
-def _combine_block(d: Any, forced: Any, chosen: tuple[Any, ...], where: Any, start: int, buffer: Any) -> None:
-    """d += Σ weightsᵢ rowᵢ, forced += Σ forcesᵢ rowᵢ."""
-    rows, pairs, count = chosen
-    width = d.shape[0]
+def _combine_block(total: Any, chosen: tuple[Any, ...], where: Any, start: int, buffer: Any) -> None:
+    """total += Σ weightsᵢ rowᵢ."""
+    rows, weights, count = chosen
+    width = total.shape[0]
     for i in range(0, count, 3):
         x = _row(where, rows[i], start, width, buffer)
         y = _row(where, rows[i + 1], start, width, buffer)
         z = _row(where, rows[i + 2], start, width, buffer)
-        a, b, c = pairs[i], pairs[i + 1], pairs[i + 2]
-        _add_three(d, forced, (a[0], a[1]), (b[0], b[1]), (c[0], c[1]), x, y, z)
+        _add_three(total, weights[i], weights[i + 1], weights[i + 2], x, y, z)
 
 
 @_plain
@@ -399,33 +396,39 @@ def combine(
     """places ← Vᵀ(weights + more), the latter only where pairs; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
     forced, rest, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
     buffer = np.empty((where.shape[1], _APART), like.dtype)
-    chosen = _chosen(np.zeros_like(weights) if pairs else weights, forces)
+    chosen, chosen_forces = _chosen(weights), _chosen(forces)
+    is_forced = not pairs and (weights == forces).all()  # d is this sum itself: nothing is left of it
     for leaf in range(len(counts)):
         for start in range(0, counts[leaf], _BLOCK):
             width = min(_BLOCK, counts[leaf] - start)
             d = _block_of(places[leaf], start, width, block)
             _gather(where[leaf], start, width, buffer)
             d[:] = 0.0
-            forced[:width] = 0.0
             if pairs:
                 _combine_block_in_pairs(d, rest[:width], weights, more, where[leaf], start, buffer)
-            _combine_block(d, forced[:width], chosen, where[leaf], start, buffer)
-            _measure_block(d, forced[:width], where[leaf], start, buffer, sums)
+            else:
+                _combine_block(d, chosen, where[leaf], start, buffer)
+            if is_forced:
+                _measure_block(d, d, where[leaf], start, buffer, sums)
+            else:
+                forced[:width] = 0.0
+                _combine_block(forced[:width], chosen_forces, where[leaf], start, buffer)
+                _measure_block(d, forced[:width], where[leaf], start, buffer, sums)
             _round_into(places[leaf], start, d, like)
 
 
 @_Pass(_WHERE, _COUNTS, _PLACES, _VECTOR, "f8[::1]")
 def measure(like: Any, where: Any, counts: Any, places: Any, forces: Any, sums: Any) -> None:
     """sums += [r·r, J d …, d·d] of the d that lies in the places, side by side; of float64 or the leaves' dtype."""
-    forced, unused, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    forced, block = np.empty(_BLOCK), np.empty(_BLOCK)
     buffer = np.empty((where.shape[1], _APART), like.dtype)
-    chosen = _chosen(forces, forces)
+    chosen = _chosen(forces)
     for leaf in range(len(counts)):
         for start in range(0, counts[leaf], _BLOCK):
             width = min(_BLOCK, counts[leaf] - start)
             d = _block_of(places[leaf], start, width, block)
             _widen_into(d, places[leaf], start, like)
             _gather(where[leaf], start, width, buffer)
-            forced[:width], unused[:width] = 0.0, 0.0
-            _combine_block(unused[:width], forced[:width], chosen, where[leaf], start, buffer)
+            forced[:width] = 0.0
+            _combine_block(forced[:width], chosen, where[leaf], start, buffer)
             _measure_block(d, forced[:width], where[leaf], start, buffer, sums)
