@@ -5,13 +5,13 @@
     combine              d = Vᵀ(w + w′), in pairs summed with 106 bits and rounded once; r = d − g − Jᵀμ; r·r, J d, d·d
     measure              the measures of a d that is there already
 
-Vectors may come in leaves, `counts` numbers each. Row 0 of a leaf is g's part, row i that of Jᵢ; `where` holds the
-address of each, how many bytes lie from one of its numbers to the next, and how many one has: 8 of float64, 4 of
-float32, 2 of bfloat16. All leaves of a call are of one dtype, for which it is compiled. Numbers that lie side by side
-are read where they are, others are gathered a block at a time. All sums are of float64, in which products of shorter
-numbers are exact, and are added to what `out` and `sums` hold. Sums of a block may be reordered by the compiler, always
-in the same way, so that an answer repeats; sums in pairs may not. What is written to `places` is rounded to their dtype
-after it was measured.
+Vectors may come in leaves. Row 0 of a leaf is g's part, row i that of Jᵢ; `where` holds the address of each, how many
+bytes lie from one of its numbers to the next, how many numbers there are, and how many bytes one has; `places` the same
+of d's part. All leaves of a call are of one dtype, float64, float32 or bfloat16, for which it is compiled.
+Numbers that lie side by side are read where they are, others are gathered a block at a time. All sums are of float64,
+in which products of shorter numbers are exact, and are added to what `out` and `sums` hold. Sums of a block may be
+reordered by the compiler, always in the same way, so that an answer repeats; sums in pairs may not. What is written to
+`places` is rounded to the leaves' dtype after it was measured.
 Source of the pairs: Dekker 1971; Ogita, Rump & Oishi 2005, Algorithms 3.1, 3.3, 5.3. Importing this imports numba; each
 pass is compiled, or loaded from the cache, when it is first called.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import carray, from_dtype, njit, types
+from numba import carray, njit, types
 from numba.extending import intrinsic, overload
 
 from ..compensated import product_error, split, two_sum
@@ -37,9 +37,10 @@ _LANES = 256  # sums in pairs run side by side in so many lanes, so that the pro
 # the first-level cache, and 31 rows take four times as long.
 _APART = _BLOCK + 8
 _COLUMNS = 16
-DTYPES = {8: np.dtype(np.float64), 4: np.dtype(np.float32), 2: np.dtype(np.uint16)}  # by bytes; of bfloat16 the bits
+# Of bfloat16 the bits.
+_DTYPES = {np.dtype(np.float64): "f8", np.dtype(np.float32): "f4", np.dtype(np.uint16): "u2"}
 _WHERE, _VECTOR = "Array(i8, 3, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
-_COUNTS, _PLACES = "Array(i8, 1, 'C', readonly=True)", "Array(i8, 2, 'C', readonly=True)"
+_PLACES, _SQUARE = "Array(i8, 2, 'C', readonly=True)", "f8[:, ::1]"
 
 
 def _reordered(function: Any) -> Any:
@@ -57,21 +58,11 @@ _split, _product_error, _two_sum, _widen, _narrow = map(
 )
 
 
-class _Pass:
-    """A pass over the leaves of one dtype, compiled for it when it is first met; `like` is an empty array of it."""
-
-    def __init__(self, *signature: str) -> None:
-        self.signature = ", ".join(signature)
-
-    def __call__(self, function: Any) -> Any:
-        """Decorates."""
-        compiled = {
-            size: CompiledLate(f"void({from_dtype(dtype)}[::1], {self.signature})", function)
-            for size, dtype in DTYPES.items()
-        }
-        return lambda where, *arguments: (
-            (size := int(where[0, 0, 2])) and compiled[size](np.empty(0, DTYPES[size]), where, *arguments)
-        )
+def _pass(*signature: str) -> Any:
+    """Compiled for each dtype when it is first met; the first argument is an empty array of the dtype."""
+    return lambda function: {
+        dtype: CompiledLate(f"void({code}[::1], {', '.join(signature)})", function) for dtype, code in _DTYPES.items()
+    }
 
 
 def _numbers_at(address: int, count: int, like: Any) -> Any:
@@ -118,6 +109,20 @@ def _compiled_rounded(number: Any, like: Any) -> Any:  # noqa: ARG001 - numba go
     if like.dtype == types.uint16:
         return lambda number, like: _narrow(number)  # noqa: ARG005
     return lambda number, like: number  # noqa: ARG005
+
+
+def _locate(rows: Any, places: Any) -> None:
+    """The first places ← of each row the address, bytes from one number to the next, numbers, and bytes of one."""
+    for i in range(rows.shape[0]):
+        places[i, 0] = rows.ctypes.data + i * rows.strides[0]
+        places[i, 1], places[i, 2], places[i, 3] = rows.strides[1], rows.shape[1], rows.itemsize
+
+
+# Several times faster than to ask NumPy, whose `__array_interface__` describes what nobody reads.
+locate = {
+    dtype: CompiledLate(f"void(Array({code}, 2, 'A', readonly=True), i8[:, ::1])", _locate)
+    for dtype, code in _DTYPES.items()
+}
 
 
 @_plain
@@ -265,13 +270,13 @@ def _add_inner(where: Any, start: int, width: int, buffer: Any, out: Any) -> Non
                     out[i + k, j + q] += sums[k][q]
 
 
-@_Pass(_WHERE, _COUNTS, "f8[:, ::1]")
-def gramian(like: Any, where: Any, counts: Any, out: Any) -> None:
+@_pass(_WHERE, _SQUARE)
+def gramian(like: Any, where: Any, out: Any) -> None:
     """out += K."""
     buffer = np.empty((where.shape[1], _APART), like.dtype)
-    for leaf in range(len(counts)):
-        for start in range(0, counts[leaf], _BLOCK):
-            width = min(_BLOCK, counts[leaf] - start)
+    for leaf in range(len(where)):
+        for start in range(0, where[leaf, 0, 2], _BLOCK):
+            width = min(_BLOCK, where[leaf, 0, 2] - start)
             _gather(where[leaf], start, width, buffer)
             _add_inner(where[leaf], start, width, buffer, out)
     _mirror(out)
@@ -322,16 +327,16 @@ def _add_inner_in_pairs(
             _add_products(x, x_high, x_low, y, y_high, y_low, totals[i, j, :width], rests[i, j, :width])
 
 
-@_Pass(_WHERE, _COUNTS, "f8[:, ::1]", "f8[:, ::1]")
-def gramian_in_pairs(like: Any, where: Any, counts: Any, out: Any, out_low: Any) -> None:
+@_pass(_WHERE, _SQUARE, _SQUARE)
+def gramian_in_pairs(like: Any, where: Any, out: Any, out_low: Any) -> None:
     """out + out_low += K, each number of 106 bits; few rows get many lanes, many rows few."""
     count = where.shape[1]
     lanes = max(8, min(_LANES, _MOST_SUMS // (count * count) // 8 * 8))
     buffer, high, low = np.empty((count, lanes + 8), like.dtype), np.empty((count, lanes)), np.empty((count, lanes))
     totals, rests = np.zeros((count, count, lanes)), np.zeros((count, count, lanes))
-    for leaf in range(len(counts)):
-        for start in range(0, counts[leaf], lanes):
-            width = min(lanes, counts[leaf] - start)
+    for leaf in range(len(where)):
+        for start in range(0, where[leaf, 0, 2], lanes):
+            width = min(lanes, where[leaf, 0, 2] - start)
             _gather(where[leaf], start, width, buffer)
             _add_inner_in_pairs(where[leaf], start, width, buffer, high, low, totals, rests)
     for i in range(count):
@@ -368,13 +373,13 @@ def _combine_block_in_pairs(d: Any, rest: Any, weights: Any, more: Any, where: A
 @_plain
 def _block_of(place: Any, start: int, width: int, block: Any) -> Any:
     """Where a block of d is made: its place, or beside it."""
-    return _numbers_at(place[0] + start * block.itemsize, width, block) if place[2] == block.itemsize else block[:width]
+    return _numbers_at(place[0] + start * block.itemsize, width, block) if place[3] == block.itemsize else block[:width]
 
 
 @_plain
 def _round_into(place: Any, start: int, d: Any, like: Any) -> None:
     """The block of the place ← d, in its dtype; nothing where d is that block."""
-    if place[2] != d.itemsize:
+    if place[3] != d.itemsize:
         rounded = _numbers_at(place[0] + start * like.itemsize, d.shape[0], like)
         for t in range(d.shape[0]):
             rounded[t] = _rounded(d[t], like)
@@ -383,24 +388,23 @@ def _round_into(place: Any, start: int, d: Any, like: Any) -> None:
 @_plain
 def _widen_into(d: Any, place: Any, start: int, like: Any) -> None:
     """d ← the block of the place; nothing where d is that block."""
-    if place[2] != d.itemsize:
+    if place[3] != d.itemsize:
         numbers = _numbers_at(place[0] + start * like.itemsize, d.shape[0], like)
         for t in range(d.shape[0]):
             d[t] = _value(numbers[t])
 
 
-@_Pass(_WHERE, _COUNTS, _VECTOR, _VECTOR, _VECTOR, "b1", _PLACES, "f8[::1]")
-def combine(
-    like: Any, where: Any, counts: Any, weights: Any, more: Any, forces: Any, pairs: bool, places: Any, sums: Any
-) -> None:
-    """places ← Vᵀ(weights + more), the latter only where pairs; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
+@_pass(_WHERE, _VECTOR, _VECTOR, _VECTOR, _PLACES, "f8[::1]")
+def combine(like: Any, where: Any, weights: Any, more: Any, forces: Any, places: Any, sums: Any) -> None:
+    """places ← Vᵀ(weights + more), in pairs where there is more; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
     forced, rest, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
     buffer = np.empty((where.shape[1], _APART), like.dtype)
     chosen, chosen_forces = _chosen(weights), _chosen(forces)
+    pairs = more.any()
     is_forced = not pairs and (weights == forces).all()  # d is this sum itself: nothing is left of it
-    for leaf in range(len(counts)):
-        for start in range(0, counts[leaf], _BLOCK):
-            width = min(_BLOCK, counts[leaf] - start)
+    for leaf in range(len(where)):
+        for start in range(0, where[leaf, 0, 2], _BLOCK):
+            width = min(_BLOCK, where[leaf, 0, 2] - start)
             d = _block_of(places[leaf], start, width, block)
             _gather(where[leaf], start, width, buffer)
             d[:] = 0.0
@@ -417,15 +421,15 @@ def combine(
             _round_into(places[leaf], start, d, like)
 
 
-@_Pass(_WHERE, _COUNTS, _PLACES, _VECTOR, "f8[::1]")
-def measure(like: Any, where: Any, counts: Any, places: Any, forces: Any, sums: Any) -> None:
+@_pass(_WHERE, _PLACES, _VECTOR, "f8[::1]")
+def measure(like: Any, where: Any, places: Any, forces: Any, sums: Any) -> None:
     """sums += [r·r, J d …, d·d] of the d that lies in the places, side by side; of float64 or the leaves' dtype."""
     forced, block = np.empty(_BLOCK), np.empty(_BLOCK)
     buffer = np.empty((where.shape[1], _APART), like.dtype)
     chosen = _chosen(forces)
-    for leaf in range(len(counts)):
-        for start in range(0, counts[leaf], _BLOCK):
-            width = min(_BLOCK, counts[leaf] - start)
+    for leaf in range(len(where)):
+        for start in range(0, where[leaf, 0, 2], _BLOCK):
+            width = min(_BLOCK, where[leaf, 0, 2] - start)
             d = _block_of(places[leaf], start, width, block)
             _widen_into(d, places[leaf], start, like)
             _gather(where[leaf], start, width, buffer)

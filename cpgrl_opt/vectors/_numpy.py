@@ -96,7 +96,7 @@ class LeafVectors(Vectors):
 
     def are_finite(self) -> bool:
         """No NaN and no infinity: seen in K, unless squares overflow."""
-        if math.isfinite(self._gramian.trace()):
+        if math.isfinite(sum(self._gramian.diagonal().tolist())):
             return True
         return all(is_finite(self.host(part)) for g, J in self.leaves for part in (g, *J))
 
@@ -120,30 +120,29 @@ class LeafVectors(Vectors):
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """In one pass."""
         K = self._square()
-        for _, where in self._where:
-            _blocks().gramian(*where, K)
+        for dtype, _, where in self._where:
+            _blocks().gramian[dtype].machine_code(*where, K)
         return K
 
     def find_gramian_in_pairs(self) -> Pair:
         """In one pass."""
         K = Pair(self._square(), self._square())
-        for _, where in self._where:
-            _blocks().gramian_in_pairs(*where, K.hi, K.lo)
+        for dtype, _, where in self._where:
+            _blocks().gramian_in_pairs[dtype].machine_code(*where, *K)
         return K
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """In one pass."""
         parts, sums = [np.empty(len(g), g.dtype) for g, _ in self.leaves], np.zeros(1 + len(forces))
-        in_pairs = bool(weights.lo.any())
-        for leaves, where in self._where:
-            _blocks().combine(*where, *weights, forces, in_pairs, _places(parts, leaves), sums)
+        for dtype, leaves, where in self._where:
+            _blocks().combine[dtype].machine_code(*where, *weights, forces, _places(parts, leaves), sums)
         return self.rebuilt(parts), sums
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """In one pass."""
         parts, sums = self.taken_apart(direction), np.zeros(1 + len(forces))
-        for leaves, where in self._where:
-            _blocks().measure(*where, _places(parts, leaves), forces, sums)
+        for dtype, leaves, where in self._where:
+            _blocks().measure[dtype].machine_code(*where, _places(parts, leaves), forces, sums)
         return sums
 
     def _square(self) -> np.ndarray:
@@ -151,37 +150,35 @@ class LeafVectors(Vectors):
         return np.zeros((count, count))
 
     @cached_property
-    def _where(self) -> list[tuple[list[int], tuple[np.ndarray, np.ndarray]]]:
-        """Of each dtype its leaves and, for the passes, where these lie and how many numbers each has."""
-        sizes = [g.itemsize for g, _ in self.leaves]
-        alike = [[k for k, each in enumerate(sizes) if each == size] for size in dict.fromkeys(sizes)]
-        return [(leaves, self._where_are(leaves)) for leaves in alike]
-
-    def _where_are(self, leaves: list[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Address of each vector in each leaf, bytes from one of its numbers to the next and of one; and numbers."""
-        counts = np.array([len(self.leaves[k][0]) for k in leaves], np.int64)
-        return np.array([_places_of(*self.leaves[k]) for k in leaves], np.int64), counts
+    def _where(self) -> list[tuple[Any, list[int], tuple[np.ndarray, np.ndarray]]]:
+        """Of each dtype its leaves and, for the passes, an empty array of it and where these leaves lie."""
+        alike: dict[Any, list[int]] = {}
+        for k, (g, _) in enumerate(self.leaves):
+            alike.setdefault(g.dtype, []).append(k)
+        return [(dtype, of, (np.empty(0, dtype), _locate([self.leaves[k] for k in of]))) for dtype, of in alike.items()]
 
 
-def _places_of(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> list[tuple[int, int, int]]:
-    parts = (g, *J) if isinstance(J, tuple) else (g, J)
-    for array in parts:  # what lies at an address nobody checks again
-        if array.dtype != g.dtype or g.dtype not in (*DTYPES, BFLOAT16) or array.shape[-1] != len(g):
-            raise ValueError(
-                f"vectors should be of {len(g)} numbers of one dtype, float64, float32 or bfloat16; "
-                f"found {array.dtype} beside {g.dtype}, shape {array.shape}"
-            )
-    places = [(array.__array_interface__["data"][0], array.strides[-1], array.itemsize) for array in parts]
-    if not isinstance(J, tuple):
-        (start, step, size), to_next = places.pop(), J.strides[0]
-        places += [(start + i * to_next, step, size) for i in range(len(J))]
-    return places
+def _locate(leaves: list[Leaf]) -> np.ndarray:
+    """(leaves, 1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
+    where = np.empty((len(leaves), 1 + len(leaves[0][1]), 4), np.int64)
+    for places, (g, J) in zip(where, leaves, strict=True):
+        for first, array in enumerate((g, *J) if isinstance(J, tuple) else (g, J)):
+            if array.dtype != g.dtype or g.dtype not in (*DTYPES, BFLOAT16) or array.shape[-1] != len(g):
+                raise ValueError(  # what lies at an address nobody checks again
+                    f"vectors should be of {len(g)} numbers of one dtype, float64, float32 or bfloat16; "
+                    f"found {array.dtype} beside {g.dtype}, shape {array.shape}"
+                )
+            rows = array if array.ndim == 2 else array[None]
+            _blocks().locate[g.dtype].machine_code(rows, places[first:])
+    return where
 
 
 def _places(parts: list[np.ndarray], leaves: list[int]) -> np.ndarray:
-    """Of arrays whose numbers lie side by side."""
-    chosen = [parts[k] for k in leaves]
-    return np.array([(each.__array_interface__["data"][0], each.itemsize, each.itemsize) for each in chosen], np.int64)
+    """(leaves, 4): the same of arrays whose numbers lie side by side."""
+    where = np.empty((len(leaves), 4), np.int64)
+    for i, k in enumerate(leaves):
+        _blocks().locate[parts[k].dtype].machine_code(parts[k][None], where[i:])
+    return where
 
 
 @dataclass(frozen=True, eq=False)
