@@ -40,6 +40,7 @@ _COLUMNS = 16
 # Of bfloat16 the bits.
 _DTYPES = {np.dtype(np.float64): "f8", np.dtype(np.float32): "f4", np.dtype(np.uint16): "u2"}
 _WHERE, _VECTOR = "Array(i8, 3, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
+_LIKE = "{}[::1]"  # an empty array of the leaves' dtype
 _PLACES, _SQUARE = "Array(i8, 2, 'C', readonly=True)", "f8[:, ::1]"
 
 
@@ -58,11 +59,10 @@ _split, _product_error, _two_sum, _widen, _narrow = map(
 )
 
 
-def _pass(*signature: str) -> Any:
-    """Compiled for each dtype when it is first met; the first argument is an empty array of the dtype."""
-    return lambda function: {
-        dtype: CompiledLate(f"void({code}[::1], {', '.join(signature)})", function) for dtype, code in _DTYPES.items()
-    }
+def _pass(first: str, *others: str) -> Any:
+    """Compiled for each dtype when it is first met; first: signature of the first argument, which has the dtype."""
+    signature = f"void({', '.join((first, *others))})"
+    return lambda function: {dtype: CompiledLate(signature.format(code), function) for dtype, code in _DTYPES.items()}
 
 
 def _numbers_at(address: int, count: int, like: Any) -> Any:
@@ -111,18 +111,15 @@ def _compiled_rounded(number: Any, like: Any) -> Any:  # noqa: ARG001 - numba go
     return lambda number, like: number  # noqa: ARG005
 
 
-def _locate(rows: Any, places: Any) -> None:
-    """The first places ← of each row the address, bytes from one number to the next, numbers, and bytes of one."""
+@_pass("Array({}, 2, 'A', readonly=True)", "i8[:, ::1]")
+def locate(rows: Any, places: Any) -> None:
+    """The first places ← of each row the address, bytes from one number to the next, numbers, and bytes of one.
+
+    NumPy's `__array_interface__` takes several times as long: it describes what nobody reads.
+    """
     for i in range(rows.shape[0]):
         places[i, 0] = rows.ctypes.data + i * rows.strides[0]
         places[i, 1], places[i, 2], places[i, 3] = rows.strides[1], rows.shape[1], rows.itemsize
-
-
-# Several times faster than to ask NumPy, whose `__array_interface__` describes what nobody reads.
-locate = {
-    dtype: CompiledLate(f"void(Array({code}, 2, 'A', readonly=True), i8[:, ::1])", _locate)
-    for dtype, code in _DTYPES.items()
-}
 
 
 @_plain
@@ -270,7 +267,7 @@ def _add_inner(where: Any, start: int, width: int, buffer: Any, out: Any) -> Non
                     out[i + k, j + q] += sums[k][q]
 
 
-@_pass(_WHERE, _SQUARE)
+@_pass(_LIKE, _WHERE, _SQUARE)
 def gramian(like: Any, where: Any, out: Any) -> None:
     """out += K."""
     buffer = np.empty((where.shape[1], _APART), like.dtype)
@@ -327,7 +324,7 @@ def _add_inner_in_pairs(
             _add_products(x, x_high, x_low, y, y_high, y_low, totals[i, j, :width], rests[i, j, :width])
 
 
-@_pass(_WHERE, _SQUARE, _SQUARE)
+@_pass(_LIKE, _WHERE, _SQUARE, _SQUARE)
 def gramian_in_pairs(like: Any, where: Any, out: Any, out_low: Any) -> None:
     """out + out_low += K, each number of 106 bits; few rows get many lanes, many rows few."""
     count = where.shape[1]
@@ -394,7 +391,7 @@ def _widen_into(d: Any, place: Any, start: int, like: Any) -> None:
             d[t] = _value(numbers[t])
 
 
-@_pass(_WHERE, _VECTOR, _VECTOR, _VECTOR, _PLACES, "f8[::1]")
+@_pass(_LIKE, _WHERE, _VECTOR, _VECTOR, _VECTOR, _PLACES, "f8[::1]")
 def combine(like: Any, where: Any, weights: Any, more: Any, forces: Any, places: Any, sums: Any) -> None:
     """places ← Vᵀ(weights + more), in pairs where there is more; sums += [r·r, J d …, d·d], r = d − Vᵀforces."""
     forced, rest, block = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
@@ -421,7 +418,7 @@ def combine(like: Any, where: Any, weights: Any, more: Any, forces: Any, places:
             _round_into(places[leaf], start, d, like)
 
 
-@_pass(_WHERE, _PLACES, _VECTOR, "f8[::1]")
+@_pass(_LIKE, _WHERE, _PLACES, _VECTOR, "f8[::1]")
 def measure(like: Any, where: Any, places: Any, forces: Any, sums: Any) -> None:
     """sums += [r·r, J d …, d·d] of the d that lies in the places, side by side; of float64 or the leaves' dtype."""
     forced, block = np.empty(_BLOCK), np.empty(_BLOCK)
