@@ -1,11 +1,13 @@
 """Which solver to choose, from the numbers alone, by a rule that the report prints."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from .measurement import Cell
-from .tallies import Tally, tallies, tally
+from .table import count, rank
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MARGIN = 5.0  # percentage points of success that a safer solver may be behind the best
 SPEEDUP = 1.5  # times mean less below it, on a machine that does other things too
@@ -25,50 +27,45 @@ class Specialist:
     """A solver that takes only some families, and there solves everything, much faster than the general choice."""
 
     solver: str
-    families: tuple[str, ...]
-    time_ratio: float
-    choice_time_ratio: float
+    families: Sequence[str]
+    time: float
+    choice_time: float
 
 
 @dataclass(frozen=True)
 class Choice:
-    """first: the rule's choice; second: the rule's choice without the first, to cross-check with; None without any."""
+    """first: the rule's choice; second: the rule's choice without the first, to cross-check with; "" without any."""
 
-    first: Tally | None
-    second: Tally | None
-    specialists: tuple[Specialist, ...]
+    first: str
+    second: str
+    specialists: Sequence[Specialist]
 
 
-def choose(cells: Sequence[Cell]) -> Choice:
-    """RULE applied to the cells."""
-    ranked = tallies(cells, "prepared")
+def choose(table: "pd.DataFrame") -> Choice:
+    """RULE applied to the measurements."""
+    prepared = table[table["variant"] == "prepared"]
+    ranked = rank(count(prepared, ["solver"]))
     first = _best(ranked)
-    second = _best([each for each in ranked if each is not first])
-    return Choice(first, second, _specialists(cells, ranked, first) if first else ())
+    return Choice(first, _best(ranked.drop(index=first, errors="ignore")), _specialists(prepared, ranked, first))
 
 
-def _best(candidates: Sequence[Tally]) -> Tally | None:
-    if not candidates:
-        return None
-    most = max(each.taken for each in candidates)
-    general = [each for each in candidates if each.taken == most]
-    highest = max(each.solved for each in general)
-    near = [each for each in general if each.solved >= highest - MARGIN]
-    return min(near, key=lambda each: (each.unsafe, each.time_ratio or math.inf, each.solver))
+def _best(ranked: "pd.DataFrame") -> str:
+    general = ranked[ranked["taken"] == ranked["taken"].max()]
+    solved = 100.0 * general["success"] / general["problems"]
+    near = general[solved >= solved.max() - MARGIN].assign(name=lambda rows: rows.index)
+    return str(near.sort_values(["unsafe", "time", "name"]).index[0]) if len(near) else ""
 
 
-def _specialists(cells: Sequence[Cell], ranked: Sequence[Tally], first: Tally) -> tuple[Specialist, ...]:
+def _specialists(prepared: "pd.DataFrame", ranked: "pd.DataFrame", first: str) -> list[Specialist]:
     found = []
-    for each in ranked:
-        if each.taken == first.taken or not each.taken:
+    for solver in ranked.index:
+        own = prepared[prepared["solver"] == solver]
+        refused = own.loc[own["outcome"] == "unsupported", "family"]
+        own = own[~own["family"].isin(refused)]
+        if not len(refused) or not len(own) or ranked.loc[solver, "taken"] == ranked.loc[first, "taken"]:
             continue
-        own = [
-            cell for cell in cells if (cell.solver, cell.variant) == (each.solver, "prepared") and not cell.unsupported
-        ]
-        families = tuple(cell.family for cell in own)
-        there = tally(first.solver, "prepared", [cell for cell in cells if cell.family in families])
-        here = tally(each.solver, "prepared", own)
-        perfect = here.count("success") == here.problems
-        if perfect and here.time_ratio and there.time_ratio and SPEEDUP * here.time_ratio <= there.time_ratio:
-            found.append(Specialist(each.solver, families, here.time_ratio, there.time_ratio))
-    return tuple(found)
+        there = prepared[(prepared["solver"] == first) & prepared["family"].isin(own["family"])]
+        time, choice_time = (count(rows, ["solver"])["time"].iloc[0] for rows in (own, there))
+        if (own["outcome"] == "success").all() and SPEEDUP * time <= choice_time:
+            found.append(Specialist(solver, list(own["family"].unique()), time, choice_time))
+    return found

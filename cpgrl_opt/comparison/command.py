@@ -17,6 +17,7 @@ from .families import FAMILIES
 from .measurement import Cell, Measurement, cells_of, write_cells
 from .named_families import families_asked, family_named
 from .runner import COMMON_PACKAGES, ComparisonSettings, Listen, open_checkpoint, run_comparison
+from .table import pandas
 
 CELLS, REPORTS = "solvers.csv", ("report.md", "report.html")
 PROBLEMS = 20
@@ -104,6 +105,7 @@ def compare(
     Reported is what the request asks for; measurements.csv keeps whatever else is finished there. Raises
     FolderInUseError where another process writes into the folder.
     """
+    pandas()  # the report needs it: told now, and not after hours
     settings, absent = request.settings()
     with locked_folder(folder):
         return _compared(request, settings, absent, folder, jobs=jobs, anew=anew, listen=listen)
@@ -137,7 +139,7 @@ def _compared(
         default_solver=DEFAULT_SOLVER,
         ill_posed=[name for name in settings.families if not family_named(name).well_posed],
     )
-    reports = write_report(cells, measurements, context, folder)
+    reports = write_report(measurements, context, folder)
     files = checkpoint.path, folder / CELLS, *reports
     return Comparison(measurements, cells, absent, files, len(checkpoint.kept), checkpoint.stale)
 
@@ -199,7 +201,7 @@ def comparison_progress() -> Iterator[Listen]:
 
 def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: Callable[[str], None]) -> None:
     """`cpgrl compare`: runs, writes, prints the main table; Ctrl-C and SIGTERM pass after saying what is kept."""
-    from .summary_table import print_summary
+    from .report import print_summary
 
     try:
         with comparison_progress() as listen:
@@ -207,7 +209,7 @@ def run_command(request: Request, folder: Path, *, jobs: int, anew: bool, say: C
     except (KeyboardInterrupt, SystemExit):
         say(f"Interrupted. {folder / MEASUREMENTS} holds every finished cell; the same command goes on from there.")
         raise
-    print_summary(done.cells)
+    print_summary(done.measurements)
     for name, why in done.absent.items():
         say(f"{name} is {why}, so that it is not compared; see `cpgrl solvers`.")
     say(f"Wrote {', '.join(path.name for path in done.files)} into {folder}")

@@ -1,0 +1,169 @@
+"""The measurements as a table: what is counted, profiles (Dolan & Moré 2002) and the choice, by its printed rule."""
+
+import math
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpgrl_opt.comparison import load
+from cpgrl_opt.comparison.choice import choose
+from cpgrl_opt.comparison.measurement import OUTCOMES, Measurement, cells_of, write_measurements
+from cpgrl_opt.comparison.table import MISSING, as_table, count, pandas, profiles, rank, taken_by_both
+
+
+def one(solver: str, problem: int, outcome: str = "success", ratio: float = 1.0, **others: object) -> Measurement:
+    told = {"variant": "prepared", "family": "a", "distance": None, "limit": 1e3, "noise": False} | others
+    told |= {"solver": solver, "problem": problem, "outcome": outcome, "seconds": ratio, "ratio": ratio}
+    return Measurement(n=2, m=1, status="", worst=0.0, **told)  # type: ignore[arg-type]
+
+
+def several(solver: str, family: str = "a", ratio: float = 1.0, **counts: int) -> list[Measurement]:
+    """So many of each outcome, underscores for hyphens."""
+    outcomes = [name.replace("_", "-") for name, number in counts.items() for _ in range(number)]
+    return [one(solver, k, outcome, ratio, family=family, limit=ratio) for k, outcome in enumerate(outcomes)]
+
+
+def chosen(*groups: list[Measurement]) -> str:
+    return choose(as_table([each for group in groups for each in group])).first
+
+
+def test_the_table_of_a_folder_is_that_of_the_measurements(tmp_path: Path) -> None:
+    told = [one("s", 0, distance=1e-17), one("t", 1, "hang", 1 / 3, noise=True, variant="raw")]
+    write_measurements(tmp_path / "measurements.csv", told)
+    table = load(tmp_path)
+    assert list(table.columns) == list(as_table(told).columns)
+    for column in table.columns:
+        np.testing.assert_array_equal(table[column], as_table(told)[column])
+    (tmp_path / "measurements.csv").write_text("solver,distance\ns,1\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="should have the columns"):
+        load(tmp_path)
+
+
+def test_without_pandas_it_says_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install"):
+        pandas()
+    assert "cpgrl-opt[report]" in MISSING
+
+
+def test_counts_are_those_of_the_cells_and_what_is_not_taken_enters_no_mean() -> None:
+    rng = random.Random(0)
+    told = [
+        one(solver, k, rng.choice(OUTCOMES), rng.uniform(0.5, 9.0), family=family, distance=rng.choice([None, 0.25]))
+        for solver in "st" for family in "ab" for k in range(40)
+    ]  # fmt: skip
+    found = count(as_table(told), ["solver", "family"], ill_posed=["b"])
+    for cell in cells_of(told):
+        own = found.loc[cell.solver, cell.family]
+        assert [own[name] for name in OUTCOMES] == [getattr(cell, name.replace("-", "_")) for name in OUTCOMES]
+        assert own["taken"] == cell.problems - cell.unsupported
+        assert own["time"] == pytest.approx(cell.time_ratio)
+        ill, well = ("ill_posed", "distance") if cell.family == "b" else ("distance", "ill_posed")
+        assert own[ill] == cell.distance_max
+        assert math.isnan(own[well])
+    pooled = count(
+        as_table(several("s", success=10, ratio=4.0) + several("s", "b", hang=30, unsupported=50, ratio=16.0)),
+        ["solver"],
+    )
+    assert pooled.loc["s", "time"] == pytest.approx(math.exp((10 * math.log(4.0) + 30 * math.log(16.0)) / 40))
+    assert (pooled.loc["s", "taken"], pooled.loc["s", "unsafe"]) == (40, 30)
+
+
+def test_a_solver_of_few_problems_is_not_ranked_above_one_of_all() -> None:
+    told = several("general", success=9, honest_failure=1) + several("special", success=1, unsupported=9)
+    assert list(rank(count(as_table(told), ["solver"])).index) == ["general", "special"]
+
+
+def test_a_gain_compares_the_same_problems() -> None:
+    told = [one("s", 0), one("s", 1), one("s", 2, "hang")]
+    told += [
+        one("s", 0, variant="raw"),
+        one("s", 1, "silently-wrong", variant="raw"),
+        one("s", 3, "crash", variant="raw"),
+    ]
+    both = taken_by_both(as_table(told))
+    assert set(both["problem"]) == {0, 1}
+    assert len(both) == 4
+
+
+def test_profiles_by_hand() -> None:
+    found = profiles(as_table([
+        one("a", 0, ratio=1.0), one("a", 1, ratio=6.0), one("a", 2, "hang", 0.1),
+        one("b", 0, ratio=4.0), one("b", 1, ratio=2.0), one("b", 2, ratio=5.0),
+    ]))  # fmt: skip
+    np.testing.assert_allclose(found["a"], [[1.0, 3.0], [1 / 3, 2 / 3]])
+    np.testing.assert_allclose(found["b"], [[1.0, 1.0, 4.0], [1 / 3, 2 / 3, 1.0]])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_profiles_rise_to_the_share_of_successes_and_someone_is_fastest(seed: int) -> None:
+    rng = random.Random(seed)
+    told = [
+        one(solver, k, rng.choice(("success", "success", "hang", "silently-wrong")), rng.lognormvariate(0, 1))
+        for solver in "abcd" for k in range(30)
+    ]  # fmt: skip
+    found = profiles(as_table(told))
+    for solver, (factors, shares) in found.items():
+        assert shares[-1] == pytest.approx(sum(e.outcome == "success" for e in told if e.solver == solver) / 30)
+        assert (np.diff(factors) >= 0).all()
+        assert factors[0] >= 1.0
+    solved = {each.problem for each in told if each.outcome == "success"}
+    assert sum((factors == 1.0).sum() for factors, _ in found.values()) == len(solved)
+
+
+@pytest.mark.parametrize("outcome", ["inaccurate", "silently-wrong", "honest-failure", "crash", "unsupported"])
+def test_what_is_no_success_sets_no_pace_and_is_never_solved(outcome: str) -> None:
+    found = profiles(as_table([one("quick", 0, outcome, 0.001), one("right", 0, ratio=7.0)]))
+    assert len(found["quick"][0]) == 0
+    assert found["right"][0].tolist() == [1.0]
+
+
+def test_a_clock_that_did_not_tick_divides_nothing_by_zero() -> None:
+    found = profiles(as_table([one("a", 0, ratio=0.0), one("b", 0)]))
+    assert np.isfinite(found["b"][0]).all()
+
+
+def test_the_safer_of_two_near_each_other_is_chosen_though_slower() -> None:
+    assert (
+        chosen(several("fast", success=99, silently_wrong=1), several("safe", ratio=50.0, success=96, honest_failure=4))
+        == "safe"
+    )
+
+
+@pytest.mark.parametrize("kind", ["silently_wrong", "false_infeasible", "missed_infeasible", "hang", "crash"])
+def test_every_kind_of_unsafe_answer_counts(kind: str) -> None:
+    assert (
+        chosen(several("unsafe", success=99, **{kind: 1}), several("safe", ratio=2.0, success=99, honest_failure=1))
+        == "safe"
+    )
+
+
+def test_giving_up_most_of_the_time_is_not_safe_enough() -> None:
+    assert chosen(several("works", success=99, silently_wrong=1), several("idle", honest_failure=100)) == "works"
+
+
+def test_among_equals_the_fastest_is_chosen_the_next_is_the_check_and_raw_ones_never() -> None:
+    told = [
+        each
+        for name, ratio in (("slow", 3.0), ("fast", 0.5), ("middle", 1.0))
+        for each in several(name, success=9, ratio=ratio)
+    ]
+    told += [one("raw", k, ratio=0.1, variant="raw") for k in range(9)]
+    choice = choose(as_table(told))
+    assert (choice.first, choice.second) == ("fast", "middle")
+    assert choose(as_table([each for each in told if each.solver == "raw"])).first == ""
+
+
+def test_a_specialist_is_named_where_it_solves_all_and_is_much_faster() -> None:
+    told = several("general", success=9) + several("general", "b", success=9)
+    for name, ratio, outcomes in (
+        ("special", 0.4, {"success": 9}),
+        ("even", 0.9, {"success": 9}),
+        ("wrong", 0.4, {"success": 8, "silently_wrong": 1}),
+    ):
+        told += several(name, unsupported=9) + several(name, "b", ratio, **outcomes)
+    choice = choose(as_table(told))
+    assert choice.first == "general"
+    assert [(each.solver, each.families) for each in choice.specialists] == [("special", ["b"])]
