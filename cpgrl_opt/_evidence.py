@@ -58,7 +58,7 @@ def ways_to_look(problem: DirectionProblem) -> tuple[Any, ...]:
     return (_look_in_units, _look_closely) if problem.metric.ndim == 1 else (_look_closely,)
 
 
-def _look_in_passes(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
+def _look_in_passes(problem: DirectionProblem, d: Any, mu: Multipliers, kappa: float) -> Evidence | None:
     """Over long vectors as they are; at nothing where a square leaves float64."""
     lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu, kappa)
     sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]

@@ -183,9 +183,10 @@ def _look_and_measure(problem: DirectionProblem, answer: Direction) -> tuple[KKT
     """The residuals, and what they were measured on; hopeless where nothing tells."""
     kappa = 1.0 if problem.radius is None else answer.radius_multiplier
     d = problem.row_of(answer.value) if problem.is_tree else answer.value
+    has_rows = not problem.is_tree or problem.vectors.has_rows  # else nothing is looked at more closely
     for look in ways_to_look(problem):
         seen = look(problem, d, answer.multipliers, kappa)
-        residuals = None if seen is None else _measure(seen)
+        residuals = None if seen is None else _measure(seen, doubtful=_DOUBTFUL if has_rows else _ALLOWED)
         if residuals is not None:
             return residuals, seen
     return _HOPELESS, None

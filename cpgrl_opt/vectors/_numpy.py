@@ -96,12 +96,14 @@ class LeafVectors(Vectors):
 
     def are_finite(self) -> bool:
         """No NaN and no infinity: seen in K, unless squares overflow."""
-        if math.isfinite(sum(self._gramian.diagonal().tolist())):
+        if math.isfinite(sum(self.gramian().diagonal().tolist())):
             return True
         return all(is_finite(self.host(part)) for g, J in self.leaves for part in (g, *J))
 
     def require_finite(self) -> None:
         """ValueError that names the leaf."""
+        if not self.shape[1]:
+            raise ValueError("gradient should have at least one component; found none")
         if not self.are_finite():
             for index, (g, J) in enumerate(self.leaves):
                 where = f", leaf {index}" if len(self.leaves) > 1 else ""

@@ -56,7 +56,7 @@ class OperationVectors(Vectors):
     @property
     def shape(self) -> tuple[int, int]:
         """(m, n), n = 0 where the object does not say."""
-        return len(self._gramian) - 1, int(getattr(self.gradient, "n", 0))
+        return len(self.gramian()) - 1, int(getattr(self.gradient, "n", 0))
 
     def channels(self) -> Any:
         """The object."""
@@ -64,11 +64,11 @@ class OperationVectors(Vectors):
 
     def are_finite(self) -> bool:
         """Seen in K: a square that overflows is refused too."""
-        return math.isfinite(self._gramian.trace())
+        return math.isfinite(self.gramian().trace())
 
     def is_zero(self, index: int) -> bool:
         """Seen in a large multiple."""
-        weights = np.zeros(len(self._gramian))
+        weights = np.zeros(len(self.gramian()))
         weights[index] = _LARGE
         large = self.gradient.lincomb(weights)
         return not _checked(self.gradient.extended(large).gramian())[-1, -1] > 0.0

@@ -141,5 +141,17 @@ def _blocks(g: Any, J: Any, width: int) -> Iterator[tuple[Any, slice]]:
         yield torch.stack([row[part].to(torch.float64) for row in (g, *J)]), part
 
 
+def gather_by_torch(numbers: np.ndarray, group: Any = None) -> list[np.ndarray]:
+    """What all processes of a group of torch.distributed hand over, in the order of their ranks."""
+    torch = sys.modules.get("torch")
+    if torch is None or not torch.distributed.is_available() or not torch.distributed.is_initialized():
+        raise ValueError("torch.distributed should be initialised, or `gather` be given; found neither")
+    device = "cuda" if torch.distributed.get_backend(group) == "nccl" else "cpu"
+    mine = torch.from_numpy(numbers).to(device)
+    parts = [torch.empty_like(mine) for _ in range(torch.distributed.get_world_size(group))]
+    torch.distributed.all_gather(parts, mine, group=group)
+    return [part.cpu().numpy() for part in parts]
+
+
 def _torch() -> Any:
     return sys.modules["torch"]

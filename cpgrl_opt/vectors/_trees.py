@@ -34,7 +34,7 @@ class TreeVectors(LeafVectors):
         """g's part, flat, and J's as (m, k) or as rows apart; ValueError for what does not fit."""
         names = dict(walk(self.gradient, "gradient"))
         parts = [self._floats(name, leaf).reshape(-1) for name, leaf in names.items()]
-        if not any(map(len, parts)):
+        if not parts:
             raise ValueError("gradient should have at least one component; found none")
         first = next(iter(names.values()))
         for name, leaf in names.items():

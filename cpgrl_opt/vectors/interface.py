@@ -10,7 +10,6 @@ needs a copy of them and was measured to be slower and less exact.
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -89,13 +88,13 @@ class Vectors:
         """Whether d is finite in the dtypes of its kind: float32 ends at 3e38."""
         return True
 
-    @cached_property
-    def _gramian(self) -> np.ndarray:
-        return self.find_gramian()
-
     def gramian(self) -> Float[np.ndarray, "channels channels"]:
         """K, each entry to about √n eps ‖vᵢ‖‖vⱼ‖; found once. Numbers beyond 1e±140 over- or underflow."""
-        return self._gramian
+        # Not by `cached_property`, which up to Python 3.11 holds one lock for all: threads would wait for each other.
+        found: np.ndarray | None = vars(self).get("_gramian")
+        if found is None:
+            found = vars(self)["_gramian"] = self.find_gramian()
+        return found
 
     def gramian_in_pairs(self) -> Pair | None:
         """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
@@ -103,7 +102,7 @@ class Vectors:
 
     def lengths(self) -> Float[np.ndarray, "channels"]:
         """Of g and of each row; over- or underflows with their squares."""
-        return np.asarray(np.sqrt(self._gramian.diagonal()))
+        return np.asarray(np.sqrt(self.gramian().diagonal()))
 
     def combine(self, weights: Pair, multipliers: Multipliers, kappa: float = 1.0) -> tuple[Any, Certificate]:
         """d = Vᵀw and its certificate with μ, which is of d before it is rounded to its dtype."""
