@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 import numpy as np
 
 from ._gate import check_arrays, check_bounds, check_radii, metric_of_rows, view_vectors
-from .arrays import ArrayLike, Bool, Float, Int, Jacobian, Mask, Multipliers, Number, Vector
+from .arrays import ArrayLike, Bool, Float, Jacobian, Mask, Multipliers, Number, Vector
 from .direction import Direction, Status
 from .metric import Whitening, validated_metric
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
@@ -275,14 +275,14 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
             _set_metrics(self, [validated_metric(metric, n, metric_tolerance, metric_iterations)] * runs)
         elif metric is not None:
             given = real_values("metric", metric)
+            rows = given[None] if given.ndim == 1 else given
             is_one = given.ndim == 1 or (given.ndim == 3 and len(given) == 1)
-            if not is_one and (given.ndim not in (2, 3) or len(given) != runs):
+            if given.ndim not in (1, 2, 3) or not (is_one or len(rows) == runs):
                 raise ValueError(
                     f"metric should have one entry a problem, {runs} of (n,) or (n, n), or be one for all; "
                     f"found {given.shape}"
                 )
-            pairs = [validated_metric(each, n) for each in given.reshape(-1, *given.shape[given.ndim != 1 :])]
-            _set_metrics(self, pairs * runs if is_one else pairs)
+            _set_metrics(self, [validated_metric(each, n) for each in rows] * (runs if is_one else 1))
         if radius is not None:
             object.__setattr__(self, "radius", check_radii(radius, runs))
 
@@ -294,12 +294,8 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
         shapes = {np.shape(problem.jacobian) for problem in problems}
         if len(shapes) != 1:
             raise ValueError(f"problems should have one shape; found {sorted(shapes) or 'no problem'}")
-        batch = cls(
-            np.stack([problem.gradient for problem in problems]),
-            np.stack([problem.jacobian for problem in problems]),
-            np.stack([problem.bound for problem in problems]),
-            np.stack([problem.equality for problem in problems]),
-        )
+        g, J, b, E = map(np.stack, zip(*map(_arrays, problems), strict=True))
+        batch = cls.trusted(g, J, b, E)
         if any(problem.metric is not None for problem in problems):
             _set_metrics(batch, _metrics_of(problems))
         radii = [problem.radius for problem in problems if problem.radius is not None]
@@ -319,25 +315,30 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
 
     def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
         """The problems where the mask is True."""
-        part = ProblemBatch.trusted(*(array[mask] for array in _arrays(self)))
-        self._hand_geometry(part, np.flatnonzero(mask))
-        return part
+        return self._part(mask)
 
     def copied(self) -> "ProblemBatch":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
-        batch = ProblemBatch.trusted(*(array.copy() for array in _arrays(self)))
+        batch = self._part(np.arange(len(self)))
         if self.whitening is not None:
-            pairs = {id(L): _copied_pair(_metric_at(self, k), L) for k, L in enumerate(self.whitening)}
-            _set_metrics(batch, [pairs[id(L)] for L in self.whitening])
-        if self.radius is not None:
-            object.__setattr__(batch, "radius", read_only(self.radius.copy()))
+            pairs = [self._metric_at(k) for k in range(len(self))]
+            own = {id(L): _copied_pair(M, L) for M, L in pairs}  # one for all stays one
+            _set_metrics(batch, [own[id(L)] for _, L in pairs])
         return batch
 
-    def _hand_geometry(self, part: "ProblemBatch", index: Int[np.ndarray, "part"]) -> None:
+    def _part(self, index: Any) -> "ProblemBatch":
+        """The problems of a slice, of a mask or of numbers."""
+        radii = None if self.radius is None else read_only(self.radius[index])
+        g, J, b, E = (np.ascontiguousarray(array[index]) for array in _arrays(self))
+        part = ProblemBatch.trusted(g, J, b, E, radii)
         if self.whitening is not None:
-            _set_metrics(part, [(_metric_at(self, k), self.whitening[k]) for k in index])
-        if self.radius is not None:
-            object.__setattr__(part, "radius", read_only(self.radius[index]))
+            _set_metrics(part, [self._metric_at(k) for k in np.arange(len(self))[index]])
+        return part
+
+    def _metric_at(self, index: Any) -> tuple[Any, Any]:
+        """(M, L) of one problem."""
+        whitening: Any = self.whitening
+        return self.metric if callable(self.metric) else self.metric[index], whitening[index]
 
     def __len__(self) -> int:
         return len(self.gradient)
@@ -348,14 +349,11 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
     def __getitem__(self, index: slice) -> "ProblemBatch": ...
     def __getitem__(self, index: int | slice) -> "DirectionProblem | ProblemBatch":
         if isinstance(index, slice):
-            part = ProblemBatch.trusted(*(np.ascontiguousarray(array[index]) for array in _arrays(self)))
-            self._hand_geometry(part, np.arange(len(self))[index])
-            return part
-        problem = DirectionProblem.trusted(*(array[index] for array in _arrays(self)))
+            return self._part(index)
+        g, J, b, E = (array[index] for array in _arrays(self))
+        problem = DirectionProblem.trusted(g, J, b, E, None if self.radius is None else float(self.radius[index]))
         if self.whitening is not None:
-            _set_metric(problem, _metric_at(self, index), self.whitening[index])
-        if self.radius is not None:
-            object.__setattr__(problem, "radius", float(self.radius[index]))
+            _set_metric(problem, *self._metric_at(index))
         return problem
 
 
@@ -382,26 +380,17 @@ def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Any, Any]]) -> Non
     )
 
 
-def _metric_at(batch: ProblemBatch, index: Any) -> Any:
-    return batch.metric if callable(batch.metric) else np.asarray(batch.metric)[index]
-
-
 def _copied_pair(metric: Any, whitening: Any) -> tuple[Any, Any]:
     return (metric, whitening) if callable(metric) else (metric.copy(), whitening.copied())
 
 
 def _metrics_of(problems: Sequence[DirectionProblem]) -> list[tuple[Any, Any]]:
     """(M, L) of each problem, all (n,) or all (n, n), the identity where one has none; or one function."""
-    functions = {id(problem.metric) for problem in problems if callable(problem.metric)}
-    if functions:
-        if len({id(problem.metric) for problem in problems}) > 1:
+    metrics = [problem.metric for problem in problems]
+    if any(map(callable, metrics)):
+        if len(set(map(id, metrics))) > 1:
             raise ValueError("problems should all have one and the same function as metric; found several metrics")
         return [(problems[0].metric, problems[0].whitening)] * len(problems)
-    full = any(problem.metric is not None and problem.metric.ndim == 2 for problem in problems)
-    metrics = []
-    for problem in problems:
-        M, L = problem.metric, problem.whitening
-        if M is None:
-            M, L = np.ones(problem.n), Whitening(np.ones(problem.n))
-        metrics.append((np.diag(M) if full and M.ndim == 1 else M, L))
-    return metrics
+    full, ones = any(np.ndim(M) == 2 for M in metrics), np.ones(problems[0].n)
+    pairs = [(ones, Whitening(ones)) if each.metric is None else (each.metric, each.whitening) for each in problems]
+    return [(np.diag(M) if full and M.ndim == 1 else M, L) for M, L in pairs]
