@@ -11,6 +11,8 @@ from ..problem import DirectionProblem
 from ..reduction import EXACT, GATES
 from .compiled._gramian_core import judge, weigh
 
+_MOST = 1e76  # of d·d: up to here no entry of d leaves float32 or bfloat16, which end at 3e38
+
 
 def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
@@ -23,6 +25,6 @@ def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction |
     value, sums = problem.vectors.combine_usually(weights)
     judge.run(K, problem.equality, GATES, small, index, sums, report)
     residuals = KKTResiduals(*report.tolist())
-    if not residuals.worst <= min(tolerance, EXACT):
+    if not residuals.worst <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= _MOST):
         return None
     return Direction.found(value, weights[1:].copy(), Status.OPTIMAL, changes, residuals, "gramian")

@@ -34,7 +34,7 @@ def solve_in_span(
     rungs, left = () if is_short else RUNGS, None
     if is_exact and "gramian" in rungs:
         usual = solve_by_gramian(problem, tolerance)
-        if usual is not None and problem.is_representable(usual.value):
+        if usual is not None:
             return usual
     for rung in rungs:
         small = coordinates(vectors, on, rung)

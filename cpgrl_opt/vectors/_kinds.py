@@ -20,7 +20,7 @@ def kind_of(gradient: Any, jacobian: Any = None) -> Vectors | None:
         return gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
     if not is_tree(gradient):
         return None
-    kind = TensorVectors if any(is_apart(leaf) for _, leaf in walk(gradient, "")) else TreeVectors
+    kind = TensorVectors if any(is_apart(leaf) for _, leaf in walk(gradient)) else TreeVectors
     return kind(gradient, jacobian)
 
 

@@ -162,16 +162,18 @@ class LeafVectors(Vectors):
 
 def _locate(leaves: list[Leaf]) -> np.ndarray:
     """(leaves, 1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
-    where = np.empty((len(leaves), 1 + len(leaves[0][1]), 4), np.int64)
+    where, dtype = np.empty((len(leaves), 1 + len(leaves[0][1]), 4), np.int64), leaves[0][0].dtype
+    if dtype not in (*DTYPES, BFLOAT16):
+        raise ValueError(f"vectors should be of float64, float32 or bfloat16; found {dtype}")
+    locate = _blocks().locate[dtype].machine_code
     for places, (g, J) in zip(where, leaves, strict=True):
+        count = len(g)
         for first, array in enumerate((g, *J) if isinstance(J, tuple) else (g, J)):
-            if array.dtype != g.dtype or g.dtype not in (*DTYPES, BFLOAT16) or array.shape[-1] != len(g):
-                raise ValueError(  # what lies at an address nobody checks again
-                    f"vectors should be of {len(g)} numbers of one dtype, float64, float32 or bfloat16; "
-                    f"found {array.dtype} beside {g.dtype}, shape {array.shape}"
+            if array.dtype != dtype or array.shape[-1] != count:  # what lies at an address nobody checks again
+                raise ValueError(
+                    f"vectors should be of {count} numbers of {dtype}; found {array.dtype}, shape {array.shape}"
                 )
-            rows = array if array.ndim == 2 else array[None]
-            _blocks().locate[g.dtype].machine_code(rows, places[first:])
+            locate(array if array.ndim == 2 else array[None], places[first:])
     return where
 
 

@@ -17,6 +17,9 @@ import numpy as np
 from . import _jax, _torch
 from ._numpy import BFLOAT16, DTYPES, Leaf, LeafVectors
 
+Path = tuple[Any, ...]  # keys from a tree's root to a leaf
+_LISTS, _NODES = (list, tuple), (list, tuple, dict)
+
 
 @dataclass(frozen=True, eq=False)
 class TreeVectors(LeafVectors):
@@ -32,16 +35,14 @@ class TreeVectors(LeafVectors):
     @cached_property
     def leaves(self) -> tuple[Leaf, ...]:
         """g's part, flat, and J's as (m, k) or as rows apart; ValueError for what does not fit."""
-        names = dict(walk(self.gradient, "gradient"))
-        parts = [self._floats(name, leaf).reshape(-1) for name, leaf in names.items()]
+        own = self._own
+        parts = [self._floats("gradient", path, leaf).reshape(-1) for path, leaf in own]
         if not parts:
             raise ValueError("gradient should have at least one component; found none")
-        first = next(iter(names.values()))
-        for name, leaf in names.items():
-            _require_library(name, leaf, first)
-        if _is_stacked(self.gradient, self.jacobian):
-            pairs = zip(walk(self.jacobian, "jacobian", self.gradient), names.values(), strict=True)
-            rows: list[Any] = [self._stacked(*pair, like) for pair, like in pairs]
+        for path, leaf in own:
+            _require_library("gradient", path, leaf, own[0][1])
+        if self._is_stacked:
+            rows: list[Any] = [self._stacked(path, leaf) for path, leaf in own]
             if len(counts := {len(part) for part in rows}) > 1:
                 raise ValueError(f"jacobian should have one number of rows in all leaves; found {sorted(counts)}")
         elif not isinstance(self.jacobian, list | tuple):
@@ -54,6 +55,18 @@ class TreeVectors(LeafVectors):
             rows = list(zip(*listed, strict=True)) or [()] * len(parts)
         return tuple(zip(parts, rows, strict=True))
 
+    @cached_property
+    def _own(self) -> list[tuple[Path, Any]]:
+        """Of g."""
+        return list(walk(self.gradient))
+
+    @cached_property
+    def _is_stacked(self) -> bool:
+        """Whether J is one tree whose leaves have the constraints as their first axis."""
+        return _is_alike(self.jacobian, self.gradient) and all(
+            np.ndim(_at(path, self.jacobian)) == np.ndim(leaf) + 1 for path, leaf in self._own
+        )
+
     def _flat(self, tree: Any, name: str, *, is_row: bool) -> list[Any]:
         """Leaves of one axis, copied where their numbers lie in another order than NumPy's; ValueError for other forms.
 
@@ -61,45 +74,62 @@ class TreeVectors(LeafVectors):
         """
         _require_structure(name, tree, self.gradient)
         found = []
-        for (own, leaf), (_, like) in zip(walk(tree, name, self.gradient), walk(self.gradient, ""), strict=True):
-            array = self._floats(own, leaf)
+        for path, like in self._own:
+            leaf = _at(path, tree)
+            array = self._floats(name, path, leaf)
             if array.shape != like.shape:
-                raise ValueError(f"{own} should have shape {tuple(like.shape)}; found {tuple(array.shape)}")
+                raise ValueError(
+                    f"{_named(name, path)} should have shape {tuple(like.shape)}; found {tuple(array.shape)}"
+                )
             if is_row:
-                _require_dtype(own, leaf, like)
+                _require_dtype(name, path, leaf, like)
             found.append(array.reshape(-1))
         return found
 
-    def _stacked(self, name: str, leaf: Any, like: Any) -> Any:
+    def _stacked(self, path: Path, like: Any) -> Any:
         """(m, k)."""
-        array, shape = self._floats(name, leaf), tuple(like.shape)
+        leaf, shape = _at(path, self.jacobian), tuple(like.shape)
+        array = self._floats("jacobian", path, leaf)
         if tuple(array.shape[1:]) != shape:
-            raise ValueError(f"{name} should have shape (m, {', '.join(map(str, shape))}); found {tuple(array.shape)}")
-        _require_dtype(name, leaf, like)
+            raise ValueError(
+                f"{_named('jacobian', path)} should have shape (m, {', '.join(map(str, shape))}); "
+                f"found {tuple(array.shape)}"
+            )
+        _require_dtype("jacobian", path, leaf, like)
         return array.reshape(len(array), math.prod(shape))
 
-    def _floats(self, name: str, leaf: Any) -> Any:
+    def _floats(self, name: str, path: Path, leaf: Any) -> Any:
         array = self.looked_at(leaf)
         if array is None:
-            raise ValueError(f"{name} should be an array of float64, float32 or bfloat16; found {_described(leaf)}")
+            raise ValueError(
+                f"{_named(name, path)} should be an array of float64, float32 or bfloat16; found {_described(leaf)}"
+            )
+        if type(array) is np.ndarray or not isinstance(array, np.ndarray):
+            return array
         if np.ma.is_masked(array):
-            raise ValueError(f"{name} should have no masked entries, whose values nobody vouches for; found some")
-        return np.asarray(array) if isinstance(array, np.ndarray) else array
+            raise ValueError(
+                f"{_named(name, path)} should have no masked entries, whose values nobody vouches for; found some"
+            )
+        return np.asarray(array)
 
     def looked_at(self, leaf: Any) -> Any:
         """The array that a leaf is, without a copy, of bfloat16 its bits; None for what is no array of floats."""
+        if type(leaf) is np.ndarray and leaf.dtype in DTYPES:  # first, since of a tree there may be hundreds
+            return leaf
         if _torch.is_tensor(leaf):
             return _torch.as_array(leaf) if _torch.is_float(leaf) else None
         array = _jax.as_array(leaf) if _jax.is_jax(leaf) else leaf
         if not isinstance(array, np.ndarray):
             return None
-        if array.dtype.name == "bfloat16":  # of the package that brings it to NumPy
-            return array.view(BFLOAT16)
-        return array if array.dtype in DTYPES else None
+        if array.dtype in DTYPES:
+            return array
+        return (
+            array.view(BFLOAT16) if array.dtype.name == "bfloat16" else None
+        )  # of the package that brings it to NumPy
 
     def channels(self) -> list[Any]:
         """g and J's rows, each in the form of g."""
-        if _is_stacked(self.gradient, self.jacobian):
+        if self._is_stacked:
             return [self.gradient, *(mapped(itemgetter(i), self.jacobian) for i in range(self.shape[0]))]
         return [self.gradient, *self.jacobian]
 
@@ -139,21 +169,32 @@ def is_tree(gradient: Any) -> bool:
 
 
 def _is_node(value: Any) -> bool:
-    return isinstance(value, list | tuple | dict)
+    return isinstance(value, _NODES)
 
 
 def _is_array(value: Any) -> bool:
     return isinstance(value, np.ndarray) or _torch.is_tensor(value) or _jax.is_jax(value)
 
 
-def walk(tree: Any, name: str, like: Any = None) -> Iterator[tuple[str, Any]]:
-    """(name, leaf), in the order of the keys of `like`, a tree of the same structure; None: of its own."""
-    like = tree if like is None else like
-    if isinstance(like, list | tuple | dict):
-        for key in like if isinstance(like, dict) else range(len(like)):
-            yield from walk(tree[key], f"{name}[{key!r}]", like[key])
+def walk(tree: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
+    """(keys from the root, leaf), in the order of the keys."""
+    if isinstance(tree, list | tuple | dict):
+        for key in tree if isinstance(tree, dict) else range(len(tree)):
+            yield from walk(tree[key], (*path, key))
     else:
-        yield name, tree
+        yield path, tree
+
+
+def _at(path: Path, tree: Any) -> Any:
+    """The leaf of a tree."""
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def _named(name: str, path: Path) -> str:
+    """As the caller would write it."""
+    return name + "".join(f"[{key!r}]" for key in path)
 
 
 def mapped(change: Callable[[Any], Any], tree: Any) -> Any:
@@ -175,18 +216,19 @@ def _structure(tree: Any) -> Any:
     return [_structure(part) for part in tree] if isinstance(tree, list | tuple) else None
 
 
+def _is_alike(tree: Any, like: Any) -> bool:
+    """Whether two trees have one structure."""
+    if isinstance(like, dict):
+        return isinstance(tree, dict) and tree.keys() == like.keys() and all(_is_alike(tree[k], like[k]) for k in like)
+    if _is_node(like):
+        return isinstance(tree, _LISTS) and len(tree) == len(like) and all(map(_is_alike, tree, like))
+    return not _is_node(tree)
+
+
 def _require_structure(name: str, tree: Any, like: Any) -> None:
-    found, wanted = _structure(tree), _structure(like)
-    if found != wanted:
+    if not _is_alike(tree, like):
+        wanted, found = _structure(like), _structure(tree)
         raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {found}")
-
-
-def _is_stacked(gradient: Any, jacobian: Any) -> bool:
-    """Whether J is one tree whose leaves have the constraints as their first axis."""
-    if _structure(jacobian) != _structure(gradient):
-        return False
-    pairs = zip(walk(jacobian, "", gradient), walk(gradient, ""), strict=True)
-    return all(np.ndim(rows) == np.ndim(leaf) + 1 for (_, rows), (_, leaf) in pairs)
 
 
 def _described(leaf: Any) -> str:
@@ -201,18 +243,19 @@ def _library(leaf: Any) -> str:
     return "jax" if _jax.is_jax(leaf) else type(leaf).__module__.partition(".")[0]
 
 
-def _require_library(name: str, leaf: Any, like: Any) -> None:
+def _require_library(name: str, path: Path, leaf: Any, like: Any) -> None:
     """ValueError for a leaf of another library or device than g's."""
     found, wanted = _library(leaf), _library(like)
     if found != wanted:
-        raise ValueError(f"{name} should be of {wanted} as gradient is; found {found}")
+        raise ValueError(f"{_named(name, path)} should be of {wanted} as gradient is; found {found}")
 
 
-def _require_dtype(name: str, leaf: Any, like: Any) -> None:
+def _require_dtype(name: str, path: Path, leaf: Any, like: Any) -> None:
     """ValueError for a row of another library, device or dtype than g's part."""
-    _require_library(name, leaf, like)
+    if type(leaf) is not np.ndarray or type(like) is not np.ndarray:
+        _require_library(name, path, leaf, like)
     if leaf.dtype != like.dtype:
-        raise ValueError(f"{name} should be of {like.dtype} as gradient is there; found {leaf.dtype}")
+        raise ValueError(f"{_named(name, path)} should be of {like.dtype} as gradient is there; found {leaf.dtype}")
 
 
 def _back(part: np.ndarray, like: Any) -> Any:

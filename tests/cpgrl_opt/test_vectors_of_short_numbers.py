@@ -108,7 +108,7 @@ def test_zero_and_not_finite_are_seen_in_bfloat16() -> None:
 
 
 def test_rows_of_a_leaf_have_one_dtype() -> None:
-    with pytest.raises(ValueError, match="of one dtype"):
+    with pytest.raises(ValueError, match="numbers of float64"):
         Leaves(((np.ones(3), np.ones((2, 3), np.float32)),)).gramian()
 
 
