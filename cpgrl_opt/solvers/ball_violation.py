@@ -1,112 +1,86 @@
-"""The point of the unit ball that violates constraints least, where the ball does not meet them.
+"""The point of a ball that violates soft constraints least while it meets the others, where it cannot meet them all.
 
-    x = argmin ½‖v‖²  s.t.  Jx + v ≥ b (= on E),  ‖x‖ ≤ 1,      so  Jᵀv = λx  with  λ = ‖Jᵀv‖
+    x = argmin ½‖v‖²  s.t.  J_V x + v ≥ b_V,  J_S x ≥ b_S (= on E),  ‖x‖ ≤ r       V: rows that give, S: the others
 
-and v proves that the ball misses {Jx ≥ b}: bᵀv = ‖v‖² + vᵀJx = ‖v‖² + ‖Jᵀv‖ > ‖Jᵀv‖. For a given λ the point is a
-projection of 0 onto a cone that is never empty,
+With a weight κ on x it is a projection onto a cone that is never empty, if some x meets S, and ‖x‖ falls with κ:
 
-    (x, w) = argmin ½‖x‖² + ½‖w‖²  s.t.  Jx + √λ w ≥ b (= on E),        v = √λ w
+    (x, w) = argmin ½‖x − c‖² + ½‖w‖²  s.t.  J_V x + √κ w ≥ b_V,  J_S x ≥ b_S (= on E),        v = √κ w,  c = 0
 
-and ‖x‖ falls with λ. On the face where v ≠ 0, with J_𝒜 = U diag(s) Vᵀ, x = V diag(s/(s² + λ)) Uᵀb_𝒜, and ‖x‖ = 1 is
-solved for λ by Newton's method on 1/‖x‖. Source: Farkas' lemma; Hebden 1973, Moré & Sorensen 1983 (the equation).
+On the sphere κ is the ball's multiplier. Where all rows give, v proves that the ball misses them: Jᵀv = κx, and
+bᵀv = ‖v‖² + vᵀJx = ‖v‖² + r‖Jᵀv‖ > r‖Jᵀv‖. Source: Farkas' lemma; Moré & Sorensen 1983.
 """
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bool, Float
-from ..direction import Status
+from ..arrays import Bool, Float, Multipliers, Vector
+from ..direction import DirectionError, Status
 from ..problem import DirectionProblem
-from ..scaling import lengths
+from ..scaling import demand, norm
 from .exact_core import project
 
 _CERTIFIED = 1e-9
-_EXACT = 1e-13
-_MOST_STEPS = 60
-_MOST_NEWTON_STEPS = 100
-_FARTHER = 16.0
+# A ball is in the way where x of this κ is longer than its radius. With 1e-7 rows that are 1e-6 rad from opposing, and
+# met far away, are taken for met nowhere, and x stops short of the sphere; with 1e-15 soft rows lie 4e-8 rad apart.
+_LEAST_WEIGHT = 1e-13
 
-Vector = Float[np.ndarray, "n"]
-Values = Float[np.ndarray, "m"]
+
+@dataclass(frozen=True, eq=False)
+class SoftRows:
+    """Unit rows that are on and their bounds; gives: V."""
+
+    jacobian: Float[np.ndarray, "p n"]
+    bound: Float[np.ndarray, "p"]
+    equality: Bool[np.ndarray, "p"]
+    gives: Bool[np.ndarray, "p"]
+
+    def soften(self, weight: float, center: Vector | None = None) -> Vector:
+        """x of the module's head for κ = weight and c = center; DirectionError where the core breaks down."""
+        count, n = self.jacobian.shape
+        soft = np.ascontiguousarray(np.hstack([self.jacobian, math.sqrt(weight) * np.eye(count)[:, self.gives]]))
+        gradient = np.zeros(soft.shape[1])
+        gradient[:n] = 0.0 if center is None else center
+        problem = DirectionProblem.trusted(gradient, soft, self.bound.copy(), self.equality.copy())
+        answer = project(problem, _CERTIFIED)
+        if answer.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
+            raise DirectionError(str(answer.status))
+        x: Vector = answer.value[:n]
+        return x
+
+    def violation(self, x: Vector) -> Float[np.ndarray, "p"]:
+        """v of x on V; 0 on S."""
+        lack = self.bound - self.jacobian @ x
+        return np.where(self.gives, np.where(self.equality, lack, np.maximum(lack, 0.0)), 0.0)
+
+    def violate_least(self, radius: float) -> Vector | None:
+        """x on the sphere, by a search for log κ; None where the ball is not in the way."""
+        if norm(self.soften(_LEAST_WEIGHT)) <= radius:
+            return None
+        from scipy.optimize import brentq  # first use only: importing the package stays light
+
+        def excess(exponent: float) -> float:
+            return math.log(max(norm(self.soften(math.exp(exponent))) / radius, 1e-300))
+
+        # κ‖x‖² ≤ vᵀJ_V x ≤ ‖v‖ √p ‖x‖, and ‖v‖ is at most what x = 0 leaves of the bounds.
+        asked = norm(np.maximum(demand(self.bound, self.equality)[self.gives], 0.0))
+        highest = math.log(math.sqrt(len(self.bound)) * asked / radius) + 1.0
+        x = self.soften(math.exp(brentq(excess, math.log(_LEAST_WEIGHT), highest, xtol=1e-15, rtol=1e-15)))
+        return x * min(1.0, radius / norm(x))  # by rounding beside large bounds it may be 1e-12 outside
 
 
 def least_violation_in_ball(
-    rows: Float[np.ndarray, "m n"], bound: Values, equality: Bool[np.ndarray, "m"]
-) -> tuple[Vector, Values]:
-    """(x, v) of the module's head for unit rows, zero rows being switched off; v = 0 where none is found."""
-    on = bound > -np.inf
-    J, b, E = rows[on], bound[on], equality[on]
-    low, high, weight = 0.0, np.inf, max(1.0, float(np.abs(b[E | (b > 0)]).max(initial=0.0)))
-    best, least = (np.zeros(rows.shape[1]), np.zeros(len(b))), np.inf
-    for _ in range(_MOST_STEPS):
-        solution = _regularized(J, b, E, weight)
-        if solution is None:
-            break
-        x, face = solution
-        root, point = _on_sphere(J[face], b[face])
-        for candidate in (x / max(float(lengths(x)), 1e-300), point):
-            violation = _violation(J, b, E, candidate)
-            error = _error(J, candidate, violation)
-            if error < least:
-                best, least = (candidate, violation), error
-        if least <= _EXACT:
-            break
-        low, high = (weight, high) if lengths(x) > 1.0 else (low, weight)
-        weight = root if low < root < high else _middle(low, high)
-        if high - low <= 1e-15 * low:
-            break
-    violation = np.zeros(len(bound))
-    violation[on] = best[1]
-    return best[0], violation
-
-
-def _regularized(
-    J: Float[np.ndarray, "p n"], b: Values, E: Bool[np.ndarray, "p"], weight: float
-) -> tuple[Vector, Bool[np.ndarray, "p"]] | None:
-    """x for λ = weight, and the face where v ≠ 0; None if it is not certified."""
-    count, n = J.shape
-    softened = np.hstack([J, np.sqrt(weight) * np.eye(count)])
-    problem = DirectionProblem.trusted(np.zeros(n + count), softened, np.ascontiguousarray(b), np.ascontiguousarray(E))
-    answer = project(problem, _CERTIFIED)
-    if answer.status != Status.OPTIMAL:
-        return None
-    return answer.value[:n], E | (answer.multipliers > 0.0)
-
-
-def _on_sphere(J: Float[np.ndarray, "a n"], b: Float[np.ndarray, "a"]) -> tuple[float, Vector]:
-    """λ and x with ‖x‖ = 1 on a face; (0, the shortest x) where even that is inside the ball."""
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    c = U.T @ b
-    weight = 0.0
-    for _ in range(_MOST_NEWTON_STEPS):
-        denominator = s * s + weight
-        parts = np.where(s > 1e-14, s * c / np.where(denominator > 0.0, denominator, 1.0), 0.0)
-        size = float(lengths(parts))
-        if size <= 1.0 + 1e-16:
-            break
-        slope = float(np.sum(parts * parts / np.where(denominator > 0.0, denominator, np.inf))) / size  # −d‖x‖/dλ
-        step = (1.0 - 1.0 / size) * size * size / slope
-        if step <= 1e-16 * weight:
-            break
-        weight += step
-    return weight, parts @ Vt / (size if weight > 0.0 else 1.0)
-
-
-def _violation(J: Float[np.ndarray, "p n"], b: Values, E: Bool[np.ndarray, "p"], x: Vector) -> Values:
-    lack = b - J @ x
-    violation: Values = np.where(E, lack, np.maximum(lack, 0.0))
-    return violation
-
-
-def _error(J: Float[np.ndarray, "p n"], x: Vector, violation: Values) -> float:
-    """‖Jᵀv − ‖Jᵀv‖x‖ / ‖v‖: 0 at the optimum on the sphere."""
-    force = J.T @ violation
-    size = float(lengths(violation))
-    return float(lengths(force - float(lengths(force)) * x)) / size if size > 0.0 else 0.0
-
-
-def _middle(low: float, high: float) -> float:
-    if high == np.inf:
-        return _FARTHER * max(low, 1.0)
-    if low < high / _FARTHER:
-        return float(np.sqrt(low * high)) if low > 0.0 else high / _FARTHER
-    return 0.5 * (low + high)
+    rows: Float[np.ndarray, "m n"], bound: Multipliers, equality: Bool[np.ndarray, "m"]
+) -> tuple[Vector, Multipliers]:
+    """(x, v) in the unit ball, of unit rows that all give, zero rows being switched off; v = 0 where none is found."""
+    on, violation = bound > -np.inf, np.zeros(len(bound))
+    soft = SoftRows(rows[on], bound[on], equality[on], np.ones(int(on.sum()), np.bool_))
+    try:
+        point = soft.violate_least(1.0)
+    except DirectionError:
+        point = None
+    if point is None:
+        return np.zeros(rows.shape[1]), violation
+    violation[on] = soft.violation(point)
+    return point, violation
