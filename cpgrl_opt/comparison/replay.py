@@ -12,7 +12,7 @@ from ..certify import kkt_residuals
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS
 from ..solvers.facts import facts_of
-from ..solvers.infeasibility import least_violation
+from ..solvers.infeasibility import infeasible_direction
 from ..solvers.interface import DirectionSolver, in_form
 from ..validation import require_count
 from .contestants import DEFAULT_SOLVER
@@ -80,8 +80,8 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
 
     feasible: whether every problem's active rows can be met with equality, in its ball, which suffices; well_posed:
     whether these rows are independent, σ_min ≥ 1e-7 on unit rows. A single problem is infeasible where a violation
-    above 1e-9 is proven, see `least_violation`, or the shortest direction is longer than the radius. ValueError for a
-    recording without problems.
+    above 1e-9 is proven, see `infeasible_direction`, or the shortest direction is longer than the radius. ValueError for
+    a recording without problems.
     """
     if not len(recording):
         raise ValueError("a family should have a problem; found a recording of none")
@@ -99,7 +99,7 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
 
 
 def _is_feasible(problem: DirectionProblem) -> bool:
-    if least_violation(problem) is not None:
+    if infeasible_direction(problem) is not None:
         return False
     if problem.radius is None:
         return True

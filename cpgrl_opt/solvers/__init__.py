@@ -124,7 +124,7 @@ def is_installed(solver: DirectionSolver) -> bool:
 
     Whether they can be imported too, `obstacle` finds out.
     """
-    return all(map(has_package, packages_of(solver)))
+    return all(map(has_package, facts_of(solver).packages))
 
 
 def obstacle(solver: DirectionSolver) -> str:
@@ -134,7 +134,7 @@ def obstacle(solver: DirectionSolver) -> str:
     """
     if not is_installed(solver):
         return "not installed"
-    for package in packages_of(solver):
+    for package in facts_of(solver).packages:
         reason = import_failure(package)
         if reason is not None:
             return f"broken: {reason}"
@@ -144,11 +144,6 @@ def obstacle(solver: DirectionSolver) -> str:
 def is_usable(solver: DirectionSolver) -> bool:
     """Whether the packages behind a solver are there and can be imported; imports them."""
     return not obstacle(solver)
-
-
-def packages_of(solver: DirectionSolver) -> tuple[str, ...]:
-    """`facts_of(solver).packages`."""
-    return facts_of(solver).packages
 
 
 __all__ = [

@@ -6,7 +6,7 @@ and the answer is the (x, μ) with the least max(μᵢ < 0, Aᵢx < bᵢ). By Ca
 Source: Nocedal & Wright, Numerical Optimization, §16.5 (the combinatorial view of active sets).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar
 
@@ -44,24 +44,18 @@ class Enumeration(SmallSolver):
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The (x, μ) of least error over all independent active sets."""
-        return enumerate_active_sets(small)
-
-
-def enumerate_active_sets(small: SmallProblem) -> SmallAnswer:
-    """The (x, μ) of least error over all independent active sets."""
-    always = _independent_equalities(small)
-    optional = np.flatnonzero(~small.equality)
-    best_error, best, tried = np.inf, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR), 0
-    for size in range(min(len(optional), small.rows.shape[1] - len(always)) + 1):
-        sets = np.array([[*always, *more] for more in combinations(optional, size)], dtype=np.intp)
-        tried += len(sets)
-        points, multipliers = _face_projections(small, sets)
-        errors = _errors(small, points, multipliers)
-        leader = int(errors.argmin()) if len(errors) else 0
-        if len(errors) and errors[leader] < best_error:
-            best_error = float(errors[leader])
-            best = SmallAnswer(points[leader], multipliers[leader])
-    return SmallAnswer(best.point, best.multipliers, tried, best.failure)
+        always = _independent_equalities(small)
+        optional = np.flatnonzero(~small.equality)
+        best_error, best, tried = np.inf, SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR), 0
+        for size in range(min(len(optional), small.rows.shape[1] - len(always)) + 1):
+            sets = np.array([[*always, *more] for more in combinations(optional, size)], dtype=np.intp)
+            tried += len(sets)
+            points, multipliers = _face_projections(small, sets)
+            errors = _errors(small, points, multipliers)
+            if errors.min(initial=np.inf) < best_error:
+                leader = int(errors.argmin())
+                best_error, best = float(errors[leader]), SmallAnswer(points[leader], multipliers[leader])
+        return replace(best, iterations=tried)
 
 
 def _independent_equalities(small: SmallProblem) -> Int[np.ndarray, "e"]:
@@ -70,8 +64,7 @@ def _independent_equalities(small: SmallProblem) -> Int[np.ndarray, "e"]:
     if len(index) == 0:
         return index
     _, R, order = pivoted_qr(small.rows[index].T, RANK_TOLERANCE)
-    spanning: np.ndarray = index[np.sort(order[: len(R)])]
-    return spanning
+    return np.asarray(index[np.sort(order[: len(R)])])
 
 
 def _face_projections(
@@ -95,9 +88,7 @@ def _errors(
     small: SmallProblem, points: Float[np.ndarray, "s k"], multipliers: Float[np.ndarray, "s p"]
 ) -> Float[np.ndarray, "s"]:
     """max((b − Ax)₊, (−μ)₊) on I, max |b − Ax| on E, in units of max(1, ‖x‖): one for each active set."""
-    lack = small.bound - points @ small.rows.T
-    lack = demand(lack, small.equality)
+    lack = demand(small.bound - points @ small.rows.T, small.equality)
     negative = np.where(small.equality, 0.0, -multipliers)
     size = np.maximum(1.0, np.sqrt(np.einsum("sk,sk->s", points, points)))
-    errors: np.ndarray = np.maximum(lack, negative).max(axis=1, initial=0.0) / size
-    return errors
+    return np.asarray(np.maximum(lack, negative).max(axis=1, initial=0.0) / size)

@@ -9,11 +9,11 @@ and found by the compiled core, whichever solver asks; what it finds is a claim 
 Source: Farkas' lemma; Moreau's decomposition.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Multipliers, Vector
+from ..arrays import Multipliers
 from ..certify import is_proven
 from ..direction import Direction, Status
 from ..problem import DirectionProblem, without_geometry
@@ -25,25 +25,21 @@ VIOLATION_TOLERANCE = 1e-9
 _EXACT = 1e-12  # worst KKT residual of the projections
 
 
-@dataclass(frozen=True, eq=False)
-class LeastViolation:
-    """direction: (n,), violates least and is nearest to g; proof: (m,), a Farkas vector y; size: Σ bᵢyᵢ / Σ |bᵢyᵢ|."""
+def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Direction | None:
+    """The INFEASIBLE answer where the least violation is proven to exceed 1e-9, or a zero row asks for something.
 
-    direction: Vector
-    proof: Multipliers
-    size: float
-
-
-def least_violation(problem: DirectionProblem) -> LeastViolation | None:
-    """The least violation where it is proven to exceed 1e-9 (or a zero row asks for something), else None."""
+    value: violates least and is nearest to g; multipliers: a Farkas vector. None where that is not proven.
+    """
     problem = without_geometry(problem)  # and contiguous: a long problem's arrays may lie anyhow
     answer = project(problem, _EXACT)
     if answer.status != Status.INFEASIBLE or not is_proven(problem, answer):
         return None
-    size = np.inf  # where a zero row asks for something, there is nothing to measure it in
-    if not ((demand(problem.bound, problem.equality) > 0.0) & ~problem.jacobian.any(axis=1)).any():
-        size = _excess(problem.bound, answer.multipliers)
-    return LeastViolation(answer.value, answer.multipliers, size) if size > VIOLATION_TOLERANCE else None
+    asking = demand(problem.bound, problem.equality) > 0.0
+    # Where a zero row asks for something, there is nothing to measure it in.
+    is_one = (asking & ~problem.jacobian.any(axis=1)).any()
+    if not is_one and _excess(problem.bound, answer.multipliers) <= VIOLATION_TOLERANCE:
+        return None
+    return replace(answer, iterations=iterations)
 
 
 def _excess(bound: Multipliers, y: Multipliers) -> float:
@@ -53,11 +49,3 @@ def _excess(bound: Multipliers, y: Multipliers) -> float:
         return 0.0
     terms = (b / np.abs(b).max()) * (y / np.abs(y).max())
     return float(terms.sum() / np.abs(terms).sum()) if terms.any() else 0.0
-
-
-def infeasible_direction(problem: DirectionProblem, iterations: int = 0) -> Direction | None:
-    """The INFEASIBLE answer of a problem that is proven to be so, else None."""
-    least = least_violation(problem)
-    return (
-        None if least is None else Direction(least.direction, least.proof, Status.INFEASIBLE, iterations, rung="rows")
-    )

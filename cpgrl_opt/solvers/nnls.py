@@ -1,11 +1,27 @@
-"""Least-distance programming through scipy.optimize.nnls: an exact method independent of the default solver's."""
+"""Least-distance programming by nonnegative least squares: an exact method independent of the default solver's.
+
+    min ‖z‖  s.t.  Gz ≥ h:
+    u = argmin_{u ≥ 0} ‖Eu − f‖,  E = [Gᵀ; hᵀ],  f = (0, …, 0, 1),   r = Eu − f,   z = −r₁…ₖ / rₖ₊₁,   μ = −u / rₖ₊₁
+
+Equalities go first, by elimination in an orthonormal basis of their null space.
+Source: Lawson & Hanson, Solving Least Squares Problems, ch. 23, algorithms LDP and LSE.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from ..arrays import Float
+from ..direction import Status
+from ..projection import RANK_TOLERANCE
 from .base import SmallSolver
-from .least_distance import least_distance
 from .small_problem import SmallAnswer, SmallProblem
+
+# ‖z‖ beyond which r loses its digits; h is divided by the size found and the problem solved anew.
+_LARGE = 10.0
+_RESCALINGS = 4
+_EMPTY = SmallAnswer(None, None, failure=Status.INFEASIBLE)  # to be proven
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,3 +41,77 @@ class NNLS(SmallSolver):
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """x and μ by scipy's NNLS."""
         return least_distance(small)
+
+
+def least_distance(small: SmallProblem) -> SmallAnswer:
+    """x and μ of a small problem by scipy.optimize.nnls; INFEASIBLE (to be proven) where r = 0."""
+    eliminated = _eliminate(small)
+    if eliminated is None:
+        return _EMPTY
+    origin, basis, pseudo_inverse = eliminated
+    free = ~small.equality
+    G = small.rows[free] @ basis
+    h = small.bound[free] - small.rows[free] @ origin
+    length = np.sqrt(np.einsum("ij,ij->i", G, G))
+    usable = length > RANK_TOLERANCE
+    if (h[~usable] > RANK_TOLERANCE).any():
+        return _EMPTY
+    found = _solve_scaled(G[usable] / length[usable, None], h[usable] / length[usable])
+    if found.point is None or found.multipliers is None:
+        return found
+    x = origin + basis @ found.point
+    multipliers = np.zeros(len(small.bound))
+    multipliers[np.flatnonzero(free)[usable]] = found.multipliers / length[usable]
+    # The λ of least norm with A_Eᵀλ nearest to what is left.
+    multipliers[small.equality] = (x - small.center - multipliers @ small.rows) @ pseudo_inverse
+    return SmallAnswer(x, multipliers)
+
+
+def _eliminate(small: SmallProblem) -> tuple[np.ndarray, Float[np.ndarray, "k f"], Float[np.ndarray, "k e"]] | None:
+    """{x : A_E x = b_E} as its point nearest to c and an orthonormal basis, and A_E⁺; None where nothing meets them."""
+    A, b, c = small.rows[small.equality], small.bound[small.equality], small.center
+    left, values, right = np.linalg.svd(A, full_matrices=True)
+    rank = int((values > RANK_TOLERANCE).sum())
+    pseudo_inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+    point = c
+    for _ in range(3):  # nearly dependent rows cost the first pass half its digits
+        point = point + pseudo_inverse @ (b - A @ point)
+    error = np.abs(A @ point - b).max(initial=0.0)
+    allowed = 1e-12 * max(1.0, float(np.abs(point).max(initial=0.0)))
+    return (point, right[rank:].T, pseudo_inverse) if error <= allowed else None
+
+
+def _solve_scaled(G: Float[np.ndarray, "p k"], h: Float[np.ndarray, "p"]) -> SmallAnswer:
+    """z and μ of min ‖z‖ s.t. Gz ≥ h, in units that make ‖z‖ about 1."""
+    size = 1.0
+    for _ in range(_RESCALINGS):
+        unit, found = size, _solve(G, h / size)
+        if found.point is None:
+            if found.failure == Status.ITERATION_LIMIT:
+                break
+            size *= 1e4  # r = 0 may mean a ‖z‖ that is too large to see
+            continue
+        length = float(np.sqrt(found.point @ found.point))
+        if length <= _LARGE:
+            break
+        size *= length
+    if found.point is None or found.multipliers is None:
+        return found
+    return SmallAnswer(found.point * unit, found.multipliers * unit)
+
+
+def _solve(G: Float[np.ndarray, "p k"], h: Float[np.ndarray, "p"]) -> SmallAnswer:
+    from scipy.optimize import nnls
+
+    count, k = G.shape
+    if count == 0:
+        return SmallAnswer(np.zeros(k), np.zeros(0))
+    E = np.vstack([G.T, h])
+    f = np.zeros(k + 1)
+    f[k] = 1.0
+    try:
+        u, _ = nnls(E, f, maxiter=30 * count)
+    except RuntimeError:
+        return SmallAnswer(None, None, failure=Status.ITERATION_LIMIT)
+    r = E @ u - f
+    return SmallAnswer(-r[:k] / r[k], -u / r[k]) if -r[k] > 1e-14 else _EMPTY

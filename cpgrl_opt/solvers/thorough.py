@@ -11,7 +11,7 @@ import numpy as np
 
 from ..certify import is_proven, kkt_residuals, misses_a_bound
 from ..direction import Direction, KKTResiduals, Status
-from ..problem import DirectionProblem, ProblemBatch
+from ..problem import DirectionProblem
 from ..scaling import demand, lengths, unit_rows
 from .compiled._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from .compiled._projection import project_stacked
@@ -26,31 +26,15 @@ _LEAST = 1e-13  # violations below this are rounding
 _RANK = 3e-13  # columns of unit rows below this: with a tenth, rows 1e-13 rad from opposing would be left UNCERTIFIED
 
 
-def solve_thoroughly(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> list[Direction]:
-    """Answers to B problems; tangent: takes no inequality."""
-    count, m, n = problems.jacobian.shape
-    values, multipliers, reports = np.empty((count, n)), np.empty((count, m)), np.empty((6, count))
-    project_stacked(
-        tangent,
-        int(PLAIN),
-        problems.gradient.ravel(),
-        problems.jacobian.reshape(-1, n),
-        problems.bound.ravel(),
-        problems.equality.ravel(),
-        min(tolerance, EXACT),
-        values.ravel(),
-        multipliers.ravel(),
-        reports.ravel(),
-    )
-    answers = []
-    for k, report in enumerate(reports.T.tolist()):
-        answer, problem, status = _answer(values[k], multipliers[k], report), problems[k], report[0]
-        if status not in _SETTLED:
-            answer = reconsider(problem, answer, tolerance)
-        if answer.status in _CLAIMING_A_POINT and (conflict := find_contradiction(problem, answer.value)) is not None:
-            answer = _prove(problem, conflict)
-        answers.append(answer)
-    return answers
+def solve_thoroughly(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction:
+    """The answer to a problem that the direct pass leaves open; tangent: takes no inequality."""
+    arrays = problem.gradient, problem.jacobian, problem.bound, problem.equality
+    answer = _solve(*arrays, PLAIN, min(tolerance, EXACT), tangent=tangent)
+    if answer.status not in _SETTLED:
+        answer = reconsider(problem, answer, tolerance)
+    if answer.status in _CLAIMING_A_POINT and (conflict := find_contradiction(problem, answer.value)) is not None:
+        answer = _prove(problem, conflict)
+    return answer
 
 
 def find_contradiction(problem: DirectionProblem, value: Floats) -> Direction | None:
@@ -185,17 +169,21 @@ def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
     return np.where(exact | ((answer.multipliers[n:] == 0.0) & (y > _LEAST * min(largest, 1.0))), y, 0.0)
 
 
-def _solve(gradient: Floats, jacobian: Floats, bound: Floats, equality: Booleans, attempt: int) -> Direction:
-    """One pass of the kernel."""
+def _solve(
+    gradient: Floats,
+    jacobian: Floats,
+    bound: Floats,
+    equality: Booleans,
+    attempt: int,
+    exact: float = EXACT,
+    *,
+    tangent: bool = False,
+) -> Direction:
+    """One pass of the kernel, as it reports it."""
     value, multipliers = np.zeros(jacobian.shape[1]), np.zeros(len(jacobian))
     report = np.array([Status.NUMERICAL_ERROR, 0.0, *[inf] * 4])  # stands where there is no coordinate
     arrays = (np.ascontiguousarray(array) for array in (gradient, jacobian, bound, equality))
-    project_stacked(False, int(attempt), *arrays, EXACT, value, multipliers, report)
-    return _answer(value, multipliers, report.tolist())
-
-
-def _answer(value: Floats, multipliers: Floats, report: list[float]) -> Direction:
-    """As the kernel reports it."""
-    status, changes, *residuals = report
+    project_stacked(tangent, int(attempt), *arrays, exact, value, multipliers, report)
+    status, changes, *residuals = report.tolist()
     known = KKTResiduals(*residuals) if status == Status.OPTIMAL else None
     return Direction.found(value, multipliers, Status(int(status)), int(changes), known, "rows")

@@ -30,7 +30,7 @@ from ..problem import DirectionProblem, ProblemBatch
 from ..scaling import demand, lengths, norm
 from .ball_violation import least_violation_in_ball
 from .exact_core import project, project_batch
-from .infeasibility import VIOLATION_TOLERANCE, least_violation
+from .infeasibility import VIOLATION_TOLERANCE, infeasible_direction
 from .polishing import nonnegative_weights
 from .small_problem import NEGLIGIBLE_BOUND, Core, SmallProblem, as_problem, reduce_problem
 
@@ -246,11 +246,11 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
     None where the ball and C are nearer than VIOLATION_TOLERANCE.
     """
     flat = as_problem(replace(small, center=0.0 * small.center))
-    empty = least_violation(flat)
-    if empty is not None and norm(empty.direction) <= 1.0:
-        within = _climb(core, _relaxed(small, empty.direction), _MOST_STEPS) if small.center.any() else None
-        point = empty.direction if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
-        return BallAnswer(point, empty.proof, 0.0, error=0.0, status=Status.INFEASIBLE)
+    empty = infeasible_direction(flat)
+    if empty is not None and norm(empty.value) <= 1.0:
+        within = _climb(core, _relaxed(small, empty.value), _MOST_STEPS) if small.center.any() else None
+        point = empty.value if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
+        return BallAnswer(point, empty.multipliers, 0.0, error=0.0, status=Status.INFEASIBLE)
     if empty is None and norm(project(flat, _EXACT).value) <= 1.0:
         return None
     size = max(1.0, float(demand(small.bound, small.equality).max(initial=0.0)))
@@ -258,7 +258,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
     length = norm(violation)
     if empty is None and length <= VIOLATION_TOLERANCE * size:
         return None
-    proof = violation / length if empty is None else empty.proof
+    proof = violation / length if empty is None else empty.multipliers
     return BallAnswer(point, proof, 0.0, status=Status.INFEASIBLE)
 
 

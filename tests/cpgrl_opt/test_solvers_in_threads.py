@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
-from cpgrl_opt.solvers import OSQP, DirectionSolver, QPSolversBackend, is_usable, packages_of, supports
+from cpgrl_opt.solvers import OSQP, DirectionSolver, QPSolversBackend, facts_of, is_usable, supports
 
 NAMES = [name for name, solver in SOLVERS.items() if is_usable(solver)]
 THREADS = 8
@@ -113,7 +113,7 @@ def test_ctrl_c_while_a_library_solves_reaches_python(name: str) -> None:
 def test_a_fresh_process_prints_nothing() -> None:
     code = (
         "from cpgrl_opt import SOLVERS, DirectionProblem as P\n"
-        f"for name in {[name for name in NAMES if packages_of(SOLVERS[name])]}:\n"
+        f"for name in {[name for name in NAMES if facts_of(SOLVERS[name]).packages]}:\n"
         "    SOLVERS[name].solve(P([0.0, 1.0], [[1.0, 0.0]], 1.0))\n"
     )
     done = subprocess.run([sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, check=True)

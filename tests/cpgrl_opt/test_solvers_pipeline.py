@@ -9,8 +9,8 @@ from cpgrl_opt.direction import Status
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.solvers import SOLVERS, is_usable
 from cpgrl_opt.solvers.factorization import pivoted_qr, solve_upper
-from cpgrl_opt.solvers.infeasibility import least_violation
-from cpgrl_opt.solvers.least_distance import least_distance
+from cpgrl_opt.solvers.infeasibility import infeasible_direction
+from cpgrl_opt.solvers.nnls import least_distance
 from cpgrl_opt.solvers.pipeline import solve_by
 from cpgrl_opt.solvers.polishing import polish, project_onto_face
 from cpgrl_opt.solvers.small_problem import SmallAnswer, SmallProblem, reduce_problem, scale_problem
@@ -180,17 +180,17 @@ def test_infeasibility_is_proven_down_to_a_gap_of_1e_8(gap: float, n: int) -> No
     row, other = rng.normal(size=(2, n))
     row /= np.linalg.norm(row)
     problem = DirectionProblem(0.1 * rng.normal(size=n), [row, -7 * row, other], [0.5 + gap, -3.5, 0.0])
-    least = least_violation(problem)
+    least = infeasible_direction(problem)
     assert least is not None
-    assert farkas_residual(problem, least.proof) <= 1e-6
-    assert row @ least.direction == pytest.approx(0.5 + gap / 2, abs=1e-12)
-    assert abs(least.proof[2]) <= 1e-15
+    assert farkas_residual(problem, least.multipliers) <= 1e-6
+    assert row @ least.value == pytest.approx(0.5 + gap / 2, abs=1e-12)
+    assert abs(least.multipliers[2]) <= 1e-15
 
 
 @pytest.mark.parametrize("angle", [1e-3, 1e-6, 1e-9])
 def test_nearly_opposing_rows_are_feasible_however_far_the_answer(angle: float) -> None:
     problem = DirectionProblem([1.0, 2, 3], [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]], [1, 1])
-    assert least_violation(problem) is None
+    assert infeasible_direction(problem) is None
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-3, 1.0])  # ‖d‖ is 1e8: a gap of 1e-7 would be met to 1e-15 of it
@@ -201,34 +201,33 @@ def test_rows_that_nearly_depend_do_not_blur_the_proof_of_rows_that_do(gap: floa
     t = 1e-8
     rows = np.array([[1, 0, 0, 0, 0, 0], [-np.cos(t), np.sin(t), 0, 0, 0, 0], [0, 0, 1, 2, 0, 0], [0, 0, -1, -2, 0, 0]])
     problem = DirectionProblem(rng.normal(size=6), rows @ Q, [1, 1, gap, 0])
-    least = least_violation(problem)
+    least = infeasible_direction(problem)
     if gap == 0.0:
         assert least is None
     else:
         assert least is not None
-        assert farkas_residual(problem, least.proof) <= 1e-6
-        np.testing.assert_allclose(least.proof[:2], 0.0, atol=1e-15)
+        assert farkas_residual(problem, least.multipliers) <= 1e-6
+        np.testing.assert_allclose(least.multipliers[:2], 0.0, atol=1e-15)
 
 
 def test_bounds_that_differ_by_rounding_do_not_make_a_problem_infeasible() -> None:
     problem = DirectionProblem([1.0, 2], [[1, 0], [1, 0]], [1.0, 1.0 + 1e-13], True)
-    assert least_violation(problem) is None
+    assert infeasible_direction(problem) is None
 
 
 def test_the_least_violation_is_nearest_to_the_gradient_among_its_equals() -> None:
     # v = (1, 1) whatever the second coordinate; the third row then asks d₂ ≥ 2.
     problem = DirectionProblem([9.0, 1.0, 5.0], [[1, 0, 0], [-1, 0, 0], [0, 1, 0]], [1, 1, 2])
-    least = least_violation(problem)
+    least = infeasible_direction(problem)
     assert least is not None
-    np.testing.assert_allclose(least.direction, [0, 2, 5], atol=1e-12)
-    assert least.size == pytest.approx(1.0)  # Σ bᵢyᵢ / Σ |bᵢyᵢ|
+    np.testing.assert_allclose(least.value, [0, 2, 5], atol=1e-12)
 
 
 def test_a_very_low_bound_costs_the_least_violation_no_digits() -> None:
     problem = DirectionProblem([0.3, 0.7], [[1, 0], [-1, 0], [0, -1]], [1, 1, -1e15])
-    least = least_violation(problem)
+    least = infeasible_direction(problem)
     assert least is not None
-    np.testing.assert_allclose(least.direction, [0, 0.7], atol=1e-14)
+    np.testing.assert_allclose(least.value, [0, 0.7], atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["nnls", "enumeration", "osqp", "clarabel"])
