@@ -80,8 +80,8 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
 
     feasible: whether every problem's active rows can be met with equality, in its ball, which suffices; well_posed:
     whether these rows are independent, σ_min ≥ 1e-7 on unit rows. A single problem is infeasible where a violation
-    above 1e-9 is proven, see `infeasible_direction`, or the shortest direction is longer than the radius. ValueError for
-    a recording without problems.
+    above 1e-9 is proven, see `infeasible_direction`, or the shortest direction is longer than the radius. ValueError
+    for a recording without problems.
     """
     if not len(recording):
         raise ValueError("a family should have a problem; found a recording of none")
