@@ -30,7 +30,7 @@ def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = Fals
     project_directly.run(tangent, g, J, b, E, tolerance, value, multipliers, report)
     status, changes, *parts = report.tolist()
     if status == OPEN:
-        return solve_thoroughly(problem, tolerance, tangent=tangent)
+        return solve_thoroughly(ProblemBatch.trusted(g[None], J[None], b[None], E[None]), tolerance, tangent=tangent)[0]
     residuals = tuple.__new__(KKTResiduals, parts)  # past the named tuple's own, a function in Python
     return Direction.found(value, multipliers, _OPTIMAL, int(changes), residuals, "rows")
 
@@ -43,8 +43,9 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
     g, b, E = problems.gradient.reshape(-1), problems.bound.reshape(-1), problems.equality.reshape(-1)
     project_directly.run(tangent, g, problems.jacobian.reshape(-1, n), b, E, tolerance, *found)
     status, iterations = report[:2].astype(np.int64)
-    for k in np.flatnonzero(status).tolist():  # OPTIMAL is 0
-        answer = solve_thoroughly(problems[k], tolerance, tangent=tangent)
+    left = np.flatnonzero(status)  # OPTIMAL is 0
+    answers = solve_thoroughly(problems.chosen(status != 0), tolerance, tangent=tangent) if left.size else []
+    for k, answer in zip(left, answers, strict=True):
         status[k], value[k], multipliers[k] = answer.status, answer.value, answer.multipliers
         iterations[k], report[2:, k] = answer.iterations, answer.residuals or np.nan
     return DirectionBatch(value, multipliers, status, iterations, None, report[2:].T, np.full(count, "rows"))

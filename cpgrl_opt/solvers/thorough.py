@@ -11,7 +11,7 @@ import numpy as np
 
 from ..certify import is_proven, kkt_residuals, misses_a_bound
 from ..direction import Direction, KKTResiduals, Status
-from ..problem import DirectionProblem
+from ..problem import DirectionProblem, ProblemBatch
 from ..scaling import demand, lengths, unit_rows
 from .compiled._dual_active_set import LAST, LENIENT, LOOSE, PLAIN, POLISHING, REFINED
 from .compiled._projection import project_stacked
@@ -26,10 +26,14 @@ _LEAST = 1e-13  # violations below this are rounding
 _RANK = 3e-13  # columns of unit rows below this: with a tenth, rows 1e-13 rad from opposing would be left UNCERTIFIED
 
 
-def solve_thoroughly(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction:
-    """The answer to a problem that the direct pass leaves open; tangent: takes no inequality."""
-    arrays = problem.gradient, problem.jacobian, problem.bound, problem.equality
-    answer = _solve(*arrays, PLAIN, min(tolerance, EXACT), tangent=tangent)
+def solve_thoroughly(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> list[Direction]:
+    """Answers to B problems that the direct pass leaves open; tangent: takes no inequality."""
+    arrays = problems.gradient, problems.jacobian, problems.bound, problems.equality
+    answers = _solve_all(*arrays, PLAIN, min(tolerance, EXACT), tangent=tangent)
+    return [_look_again(*pair, tolerance) for pair in zip(problems, answers, strict=True)]
+
+
+def _look_again(problem: DirectionProblem, answer: Direction, tolerance: float) -> Direction:
     if answer.status not in _SETTLED:
         answer = reconsider(problem, answer, tolerance)
     if answer.status in _CLAIMING_A_POINT and (conflict := find_contradiction(problem, answer.value)) is not None:
@@ -169,21 +173,24 @@ def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
     return np.where(exact | ((answer.multipliers[n:] == 0.0) & (y > _LEAST * min(largest, 1.0))), y, 0.0)
 
 
-def _solve(
-    gradient: Floats,
-    jacobian: Floats,
-    bound: Floats,
-    equality: Booleans,
-    attempt: int,
-    exact: float = EXACT,
-    *,
-    tangent: bool = False,
-) -> Direction:
-    """One pass of the kernel, as it reports it."""
-    value, multipliers = np.zeros(jacobian.shape[1]), np.zeros(len(jacobian))
-    report = np.array([Status.NUMERICAL_ERROR, 0.0, *[inf] * 4])  # stands where there is no coordinate
-    arrays = (np.ascontiguousarray(array) for array in (gradient, jacobian, bound, equality))
-    project_stacked(tangent, int(attempt), *arrays, exact, value, multipliers, report)
-    status, changes, *residuals = report.tolist()
-    known = KKTResiduals(*residuals) if status == Status.OPTIMAL else None
-    return Direction.found(value, multipliers, Status(int(status)), int(changes), known, "rows")
+def _solve(gradient: Floats, jacobian: Floats, bound: Floats, equality: Booleans, attempt: int) -> Direction:
+    """One pass of the kernel over one problem."""
+    g, J, b, E = (np.ascontiguousarray(array)[None] for array in (gradient, jacobian, bound, equality))
+    return _solve_all(g, J, b, E, attempt)[0]
+
+
+def _solve_all(
+    gradient: Floats, jacobian: Floats, bound: Floats, equality: Booleans, attempt: int, exact: float = EXACT,
+    *, tangent: bool = False,
+) -> list[Direction]:  # fmt: skip
+    """One pass of the kernel over B problems, as it reports them."""
+    count, m, n = jacobian.shape
+    value, multipliers, reports = np.zeros((count, n)), np.zeros((count, m)), np.full((6, count), inf)
+    reports[:2] = [[Status.NUMERICAL_ERROR], [0.0]]  # stand where there is no coordinate
+    given = gradient.ravel(), jacobian.reshape(count * m, n), bound.ravel(), equality.ravel()
+    project_stacked(tangent, int(attempt), *given, exact, value.ravel(), multipliers.ravel(), reports.ravel())
+    answers = []
+    for k, (status, changes, *residuals) in enumerate(reports.T.tolist()):
+        known = KKTResiduals(*residuals) if status == Status.OPTIMAL else None
+        answers.append(Direction.found(value[k], multipliers[k], Status(int(status)), int(changes), known, "rows"))
+    return answers

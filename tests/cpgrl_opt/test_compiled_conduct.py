@@ -149,7 +149,7 @@ def test_the_direct_pass_and_the_thorough_kernel_agree(draw) -> None:
     rng, answered = rng_for(11), 0
     for _ in range(50):
         g, J, b, E = draw(rng, 4, 6) if draw is touching else draw(rng)
-        thorough = solve_thoroughly(DirectionProblem.trusted(g, J, b, E), TOLERANCE)
+        [thorough] = solve_thoroughly(ProblemBatch.trusted(g[None], J[None], b[None], E[None]), TOLERANCE)
         direct = directly(g, J, b, E)
         if direct is not None:
             answered += 1
