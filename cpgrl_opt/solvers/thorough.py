@@ -6,6 +6,7 @@ Rare, so in plain Python around the kernel; the referee itself judges each attem
 from collections.abc import Iterator
 from dataclasses import replace
 from math import frexp, inf
+from typing import Any
 
 import numpy as np
 
@@ -175,7 +176,8 @@ def _residual(unit: Floats, bound: Floats, exact: Booleans) -> Floats:
 
 def _solve(gradient: Floats, jacobian: Floats, bound: Floats, equality: Booleans, attempt: int) -> Direction:
     """One pass of the kernel over one problem."""
-    g, J, b, E = (np.ascontiguousarray(array)[None] for array in (gradient, jacobian, bound, equality))
+    arrays: list[Any] = [np.ascontiguousarray(array)[None] for array in (gradient, jacobian, bound, equality)]
+    g, J, b, E = arrays
     return _solve_all(g, J, b, E, attempt)[0]
 
 
