@@ -1,0 +1,181 @@
+"""Every family of problems in every kind of vectors: the status, the rung and the direction of one array of float64.
+
+Problems are made longer by zeros, and all count as long, so that the kinds are looked at as they are, and not put
+together as arrays first.
+"""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpgrl_opt import Direction, DirectionProblem, Status, solve
+from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.compensated import Pair
+from cpgrl_opt.testing import FAMILIES as KIT_FAMILIES
+from cpgrl_opt.vectors import ArrayVectors, Sharded
+from cpgrl_opt.vectors._bfloat16 import narrow, widen
+
+# Of a family each solves so many: two of its first, and of the kit's as many as are drawn.
+PROBLEMS, EXAMPLES = 2, 4
+# What rounding to the shortest dtype leaves of a direction, of the larger of ‖d‖ and ‖g‖.
+ROUNDING = {"float64": 1e-9, "float32": 2.0**-23, "bfloat16": 2.0**-7}
+Solved = tuple[Direction, np.ndarray]
+
+
+class Own:
+    """An object of the caller's, which offers pairs too."""
+
+    def __init__(self, V: np.ndarray) -> None:
+        self.V, self.vectors = V, ArrayVectors(V[0], V[1:])
+
+    def gramian(self) -> np.ndarray:
+        return self.vectors.find_gramian()
+
+    def lincomb(self, weights: np.ndarray) -> Any:
+        return self.lincomb_in_pairs(weights, np.zeros(len(weights)))
+
+    def extended(self, *vectors: Any) -> "Own":
+        return Own(np.vstack([self.V, *vectors]))
+
+    def gramian_in_pairs(self) -> Pair:
+        return self.vectors.find_gramian_in_pairs()
+
+    def lincomb_in_pairs(self, hi: np.ndarray, lo: np.ndarray) -> Any:
+        return self.vectors.form(Pair(hi, lo), hi)[0]
+
+
+def in_one(make: Callable[..., DirectionProblem]) -> Callable[..., Solved]:
+    """Solved as a problem of this kind."""
+
+    def solved(V: np.ndarray, **rest: Any) -> Solved:
+        problem = make(V, **rest)
+        answer = solve(problem)
+        return answer, problem.row_of(answer.value)
+
+    return solved
+
+
+def in_form(form: Callable[[np.ndarray], Any]) -> Callable[..., Solved]:
+    return in_one(lambda V, **rest: DirectionProblem(form(V[0]), form(V[1:]), **rest))
+
+
+def as_tree(v: np.ndarray) -> Any:
+    k = v.shape[-1] // 3
+    return {"a": v[..., :k].copy(), "b": [v[..., k:].copy()]}
+
+
+def as_tensors(dtype: str) -> Callable[[np.ndarray], Any]:
+    def tensors(v: np.ndarray) -> Any:
+        torch = pytest.importorskip("torch")
+        return [torch.from_numpy(part.copy()).to(getattr(torch, dtype)) for part in (v[..., :2], v[..., 2:])]
+
+    return tensors
+
+
+def as_jax(v: np.ndarray) -> Any:
+    return pytest.importorskip("jax").numpy.asarray(v, dtype="float32")
+
+
+def on_a_device(V: np.ndarray, **rest: Any) -> DirectionProblem:
+    tensors = as_tensors("float64")
+    given = tensors(V[0]), tensors(V[1:])
+    from cpgrl_opt.vectors._tensors import TensorVectors
+
+    return DirectionProblem(TensorVectors(*given), **rest)
+
+
+def in_two_parts(V: np.ndarray, **rest: Any) -> Solved:
+    meeting, slots, found = threading.Barrier(2, timeout=20.0), [np.empty(0)] * 2, list[Any]([None, None])
+    parts = V[:, : V.shape[1] // 3], V[:, V.shape[1] // 3 :]
+
+    def work(rank: int) -> None:
+        def gather(numbers: np.ndarray) -> list[np.ndarray]:
+            slots[rank] = numbers.copy()
+            meeting.wait()
+            gathered = list(slots)
+            meeting.wait()
+            return gathered
+
+        found[rank] = solve(DirectionProblem(Sharded(parts[rank][0], parts[rank][1:], gather=gather), **rest))
+
+    threads = [threading.Thread(target=work, args=(rank,)) for rank in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return found[0], np.concatenate([each.value for each in found])
+
+
+KINDS: dict[str, tuple[Callable[..., Solved], str]] = {
+    "tree": (in_form(as_tree), "float64"),
+    "tensors": (in_form(as_tensors("float64")), "float64"),
+    "tensors on a device": (in_one(on_a_device), "float64"),
+    "object": (in_one(lambda V, **rest: DirectionProblem(Own(V), **rest)), "float64"),
+    "two processes": (in_two_parts, "float64"),
+    "float32": (in_form(lambda v: v.astype(np.float32)), "float32"),
+    "tensors of float32": (in_form(as_tensors("float32")), "float32"),
+    "JAX": (in_form(as_jax), "float32"),
+    "tensors of bfloat16": (in_form(as_tensors("bfloat16")), "bfloat16"),
+}
+WITHOUT_ROWS = ("object", "two processes")
+
+
+@pytest.fixture(autouse=True)
+def _all_are_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cpgrl_opt.vectors._numpy.LEAST_PRODUCTS", 0)
+
+
+def held(V: np.ndarray, dtype: str) -> np.ndarray:
+    """V rounded to the dtype, which is then the problem; infinite where it does not hold it."""
+    with np.errstate(over="ignore"):
+        if dtype == "bfloat16":
+            return widen(narrow(V)).astype(np.float64)
+        return V if dtype == "float64" else V.astype(dtype).astype(np.float64)
+
+
+def require_the_same(kind: str, problem: DirectionProblem) -> None:
+    """In the kind as in one array, where the dtype holds the problem and the kind takes its metric."""
+    run, dtype = KINDS[kind]
+    V = held(np.vstack([problem.gradient, problem.jacobian]), dtype)
+    rest: dict[str, Any] = {"bound": problem.bound, "equality": problem.equality, "radius": problem.radius}
+    if problem.metric is not None and kind not in WITHOUT_ROWS:
+        rest["metric"] = problem.metric
+    else:
+        V = np.hstack([V, np.zeros((len(V), max(0, 4 * len(V) + 1 - V.shape[1])))])
+    if not np.isfinite(V).all():
+        return
+    expected = solve(DirectionProblem(V[0], V[1:], **rest))
+    if not np.isfinite(held(expected.value, dtype)).all():
+        return
+    found, value = run(V, **rest)
+    if kind in WITHOUT_ROWS and expected.rung == "rows":  # what no rung tells is no claim
+        assert found.status == Status.UNCERTIFIED
+        return
+    assert (found.status, found.rung) == (expected.status, expected.rung)
+    size = max(float(np.linalg.norm(expected.value)), float(np.linalg.norm(V[0])))
+    assert np.linalg.norm(value - expected.value) <= ROUNDING[dtype] * size
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_the_families_of_the_comparison(kind: str) -> None:
+    for family in FAMILIES.values():
+        for number in range(PROBLEMS if not family.name.startswith("well-conditioned-100000") else 0):
+            try:
+                require_the_same(kind, family.problem(number, seed=0))
+            except AssertionError as error:
+                raise AssertionError(f"{family.name}, problem {number}: {error}") from error
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_the_families_of_the_kit(kind: str) -> None:
+    @settings(max_examples=EXAMPLES * len(KIT_FAMILIES), deadline=None)
+    @given(st.sampled_from([*KIT_FAMILIES.values()]).flatmap(lambda family: family.problems(family.cases)))
+    def check(problem: DirectionProblem) -> None:
+        require_the_same(kind, problem)
+
+    check()
