@@ -14,25 +14,38 @@ import numpy as np
 def compiled(signature: str, function: FunctionType, **options: bool) -> Any:
     """numba's function for the signature; division by zero gives an infinity or NaN.
 
-    Warns, and compiles for this process alone, where numba finds no folder that it may write its cache into. Under
-    NUMBA_DISABLE_JIT the function itself, silent about overflow as machine code is.
+    Warns, and compiles for this process alone, where numba can keep no cache. Under NUMBA_DISABLE_JIT the function
+    itself, silent about overflow as machine code is.
     """
     from numba import njit
 
     settings: dict[str, Any] = {"error_model": "numpy", "nogil": True, **options}  # other threads go on meanwhile
     try:
-        machine_code = njit(signature, cache=True, **settings)(function)
-    except RuntimeError as error:
-        if "no locator" not in str(error):
+        machine_code = njit(cache=True, **settings)(function)
+        if machine_code is function:
+            return np.errstate(all="ignore")(function)
+        _load_or_compile(machine_code, signature)
+    except (RuntimeError, OSError) as error:
+        if isinstance(error, RuntimeError) and "no locator" not in str(error):
             raise
         warnings.warn(
-            f"{function.__name__} is compiled for this process alone, some seconds: there is no folder that numba may "
-            "write its cache into. Set NUMBA_CACHE_DIR to one.",
+            f"{function.__name__} is compiled for this process alone, some seconds: numba cannot write its cache "
+            f"({error}). Set NUMBA_CACHE_DIR to a folder with room.",
             RuntimeWarning,
             stacklevel=2,
         )
-        machine_code = njit(signature, **settings)(function)
-    return np.errstate(all="ignore")(machine_code) if machine_code is function else machine_code
+        return njit(signature, **settings)(function)
+    machine_code.disable_compile()
+    return machine_code
+
+
+def _load_or_compile(machine_code: Any, signature: str) -> None:
+    """From the cache; one that is damaged, as by a full disk, is emptied. What else is wrong comes again."""
+    try:
+        machine_code.compile(signature)
+    except Exception:  # a damaged pickle raises anything
+        machine_code._cache.flush()
+        machine_code.compile(signature)
 
 
 class CompiledLate:

@@ -368,11 +368,13 @@ def _clean_errors(*refusals: type[ValueError]) -> Iterator[None]:
     Any ValueError is a refusal only where nothing but input is looked at: elsewhere it would be a bug of ours.
     """
     from cpgrl_opt import MissingPackageError
+    from cpgrl_opt.comparison.table import ReportPackagesError
 
     from .experiments.workers import WorkerDiedError
     from .training import DivergenceError
 
-    told: tuple[type[Exception], ...] = (MissingPackageError, DivergenceError, WorkerDiedError, OSError, *refusals)
+    missing = MissingPackageError, ReportPackagesError
+    told: tuple[type[Exception], ...] = (*missing, DivergenceError, WorkerDiedError, OSError, *refusals)
     try:
         yield
     except BrokenPipeError:

@@ -1,6 +1,5 @@
 """How rl's kernels are compiled. Only modules that hold kernels import this one, for it imports numba."""
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,14 +7,17 @@ from typing import Any
 import numba
 
 import cpgrl_opt
-from cpgrl_opt.machine_code import CompiledLate
+from cpgrl_opt.machine_code import CompiledLate, compiled
 from envs import interface
 from envs.interface.kernel_cache import forget_outdated_kernels
 
-# To be called with explicit signatures, so that a kernel loads from the disk cache in a new process.
-kernel = functools.partial(numba.njit, cache=True, nogil=True, error_model="numpy")
 # What only kernels call: compiled with them, and neither compiled nor loaded where a kernel comes from the cache.
 helper = numba.njit(nogil=True, error_model="numpy")
+
+
+def kernel(signature: str, **options: Any) -> Callable[[Any], Any]:
+    """Compiled, or loaded from the disk cache, as its module is imported."""
+    return lambda function: compiled(signature, function, **options)
 
 
 def late(signature: str) -> Callable[[Any], CompiledLate]:

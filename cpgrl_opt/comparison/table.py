@@ -16,17 +16,23 @@ if TYPE_CHECKING:
     import pandas as pd
 
 UNSAFE = ("silently-wrong", "false-infeasible", "missed-infeasible", "hang", "crash")  # misled, or never answered
-MISSING = "the report needs the packages pandas and jinja2; type: pip install 'cpgrl-opt[report]'"
 _LEAST_RATIO = 1e-6  # a clock that did not tick between two readings gives 0
 
 
+class ReportPackagesError(ImportError):
+    """pandas or Jinja is not installed; the message is the command that installs them."""
+
+    def __init__(self) -> None:
+        super().__init__("the report needs the packages pandas and jinja2; type: pip install 'cpgrl-opt[report]'")
+
+
 def pandas() -> Any:
-    """The module; ImportError that says what to type where it, or Jinja, is not there."""
+    """The module; ReportPackagesError that says what to type where it, or Jinja, is not there."""
     try:
         import jinja2  # noqa: F401 - what the report is made with
         import pandas as module
     except ImportError as error:
-        raise ImportError(MISSING) from error
+        raise ReportPackagesError from error
     return module
 
 

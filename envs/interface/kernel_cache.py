@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 
 def forget_outdated_kernels(folders: Iterable[Path], sources: Sequence[Path]) -> None:
@@ -19,3 +20,16 @@ def forget_outdated_kernels(folders: Iterable[Path], sources: Sequence[Path]) ->
             for cached in (folder / "__pycache__").glob("*.nbi"):
                 if cached.stat().st_mtime_ns < newest:
                     cached.unlink(missing_ok=True)
+
+
+def cached(signature: Any, **options: bool) -> Any:
+    """Decorates what numba compiles for the signature, or loads from its disk cache; without one that is damaged."""
+    from numba import njit
+
+    def compiled(function: Any) -> Any:
+        try:
+            return njit(signature, cache=True, **options)(function)
+        except Exception:  # of a damaged pickle anything; what is wrong with the function comes again
+            return njit(signature, **options)(function)
+
+    return compiled

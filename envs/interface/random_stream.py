@@ -19,12 +19,12 @@ _SOURCES = [source for folder in _FOLDERS for source in folder.glob("*.py")]
 forget_outdated_kernels(_FOLDERS, _SOURCES)  # before any kernel is loaded: all import this module
 
 
-@numba.njit(cache=True)  # type: ignore[misc, unused-ignore]
+@numba.njit  # type: ignore[misc, unused-ignore]
 def _rotated(word, bits):  # type: ignore[no-untyped-def]
     return (word << np.uint64(bits)) | (word >> np.uint64(64 - bits))
 
 
-@numba.njit(cache=True)  # type: ignore[misc, unused-ignore]
+@numba.njit  # type: ignore[misc, unused-ignore]
 def next_word(random_state):  # type: ignore[no-untyped-def]
     """64 uniform bits; advances the four words of `random_state` in place."""
     s0, s1, s2, s3 = random_state[0], random_state[1], random_state[2], random_state[3]
@@ -38,7 +38,7 @@ def next_word(random_state):  # type: ignore[no-untyped-def]
     return word
 
 
-@numba.njit(cache=True)  # type: ignore[misc, unused-ignore]
+@numba.njit  # type: ignore[misc, unused-ignore]
 def uniform(random_state):  # type: ignore[no-untyped-def]
     """k/2⁵³, k uniform on 0 … 2⁵³ − 1: a number in [0, 1)."""
     return np.float64(next_word(random_state) >> np.uint64(11)) * 2.0**-53
