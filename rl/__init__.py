@@ -10,6 +10,7 @@
 (10, (2, 9))
 """
 
+from . import _own_packages as _own_packages
 from .estimators import GPOMDP, Estimate, Estimation, ExactGradient, GradientEstimator, KondaActorCritic
 from .learners import CPGRL, ConstraintSwitching, GradientWithRestoration, Learner, LearnerUpdate, WeightedSum
 from .parallel import map_runs
