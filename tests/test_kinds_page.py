@@ -1,0 +1,116 @@
+"""docs/kinds.md: its example runs, its kinds are taken, and its numbers are those of the code."""
+
+import re
+import subprocess
+import sys
+import textwrap
+from collections import namedtuple
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep, DirectionProblem, Linearization, Status, kkt_residuals, solve
+from cpgrl_opt.vectors import Sharded
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs/kinds.md").read_text(encoding="utf-8")
+G, J, B = np.array([1.0, 2.0, -0.5]), np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 1.0]]), np.array([0.0, 0.5])
+
+
+def examples():
+    return re.findall(r"```python\n(.*?)```", PAGE, re.S)
+
+
+def test_the_kind_of_files_runs_as_printed(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, vector in zip(("g", "row1", "row2"), (G, *J), strict=True):
+        np.save(f"{name}.npy", vector)
+    names = {}
+    exec(examples()[0], names)
+    assert capsys.readouterr().out.startswith("OPTIMAL [")
+    np.testing.assert_allclose(np.load(names["direction"].value), solve(DirectionProblem(G, J, B)).value, atol=1e-12)
+    kind = names["Files"]("g.npy", "row1.npy", "row2.npy")
+    change = ConstrainedStep()(Linearization([0.0, -1.0, -1.0], kind), [0.0, 0.0]).change
+    assert np.load(change).shape == (3,)
+    written = [line for line in textwrap.dedent(examples()[0]).splitlines() if line.strip()]
+    assert len(written) <= 24  # with its imports and the call
+
+
+def test_the_example_of_processes_runs_in_one():
+    example = examples()[1].replace("my_part_of_J)", "my_part_of_J, gather=lambda mine: [mine])")
+    names = {"DirectionProblem": DirectionProblem, "solve": solve, "my_part_of_g": G, "my_part_of_J": J, "b": B}
+    exec(example, names)
+    np.testing.assert_allclose(names["my_part_of_d"], solve(DirectionProblem(G, J, B)).value, atol=1e-12)
+
+
+def test_what_a_solve_sends_is_as_written():
+    sent = []
+
+    def gather(mine):
+        sent.append(mine.nbytes)
+        return [mine]
+
+    problem = DirectionProblem(Sharded(G, J, gather=gather), bound=B)
+    answer, m = solve(problem), len(J)
+    (formula,) = re.findall(r"twice (8 · \(2 \+ 3 \(1 \+ m\) \+ 2 \(1 \+ m\)²\)) bytes", PAGE)
+    each = eval(re.sub(r"(\d) \(", r"\1 * (", formula).replace("·", "*").replace("²", "**2"), {"m": m})
+    assert sent == [32, each, each]
+    kkt_residuals(problem, answer)
+    assert sent[3:] == [each]
+
+
+Layer = namedtuple("Layer", ["weight", "bias"])
+GIVEN = {
+    "arrays": lambda v: v,
+    "float32": lambda v: v.astype(np.float32),
+    "trees": lambda v: [Layer(v[..., :2], v[..., 2:])],
+    "PyTorch": lambda v: pytest.importorskip("torch").from_numpy(v.copy()).bfloat16(),
+    "JAX": lambda v: {"a": pytest.importorskip("jax").numpy.asarray(v)},
+}
+
+
+def test_every_kind_of_the_table_is_taken_here_or_above():
+    rows = re.findall(r"^\| ([\w ]+) \|", PAGE, re.M)
+    assert rows[1:] == [*GIVEN, "processes", "your own"]
+
+
+@pytest.mark.parametrize("kind", GIVEN)
+def test_kinds_of_the_table_are_answered_in_their_form(kind):
+    form = GIVEN[kind]
+    problem = DirectionProblem(form(G), form(J), B)
+    answer = solve(problem)
+    assert (answer.status, type(answer.value)) == (Status.OPTIMAL, type(form(G)))
+    np.testing.assert_allclose(problem.row_of(answer.value), solve(DirectionProblem(G, J, B)).value, atol=2.0**-7)
+    listed = DirectionProblem(form(G), [form(row) for row in J], B)
+    np.testing.assert_array_equal(listed.row_of(solve(listed).value), problem.row_of(answer.value))
+
+
+def test_neither_pytorch_nor_jax_is_imported():
+    code = "import sys, cpgrl_opt, cpgrl_opt.vectors; print([n for n in ('torch', 'jax') if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("theta", [0.0, 1e-3])
+def test_rows_that_nearly_depend_want_pairs_of_an_object(theta):
+    names = {}
+    exec("import numpy as np\n" + examples()[0].partition("direction =")[0], names)
+    rows = np.array([[-1.0, 0.0, 0.0], [-np.cos(theta), np.sin(theta), 0.0]])
+
+    class Kept(names["Files"]):
+        def gramian(self):
+            return np.vstack(self.paths) @ np.vstack(self.paths).T
+
+        def lincomb(self, weights):
+            return weights @ np.vstack(self.paths)
+
+        def extended(self, *vectors):
+            return Kept(*self.paths, *vectors)
+
+    problem = DirectionProblem(Kept(G, *rows), bound=B)
+    assert (problem.n, solve(problem).status) == (0, Status.UNCERTIFIED)
+    assert solve(DirectionProblem(G, rows, B)).status == Status.OPTIMAL
+    assert ConstrainedStep()(Linearization([0.0, -1.0, -1.0], Kept(G, *rows)), [0.0, 0.0]).counts["skipped"] == 1
+    with pytest.raises(ValueError, match="metric should be None"):
+        DirectionProblem(Kept(G, *rows), metric=np.ones(3))
