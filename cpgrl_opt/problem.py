@@ -292,7 +292,7 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
         if isinstance(problems, cls):
             return problems
         shapes = {np.shape(problem.jacobian) for problem in problems}
-        if len(shapes) != 1:
+        if len(shapes) != 1 or () in shapes:  # of objects that show no arrays
             raise ValueError(f"problems should have one shape; found {sorted(shapes) or 'no problem'}")
         g, J, b, E = map(np.stack, zip(*map(_arrays, problems), strict=True))
         batch = cls.trusted(g, J, b, E)
