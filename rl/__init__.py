@@ -16,7 +16,7 @@ from .learners import CPGRL, ConstraintSwitching, GradientWithRestoration, Learn
 from .parallel import map_runs
 from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
 from .rollout import RolloutError
-from .training import DivergenceError, TrainingRecord, train, uniform_parameters
+from .training import DivergenceError, Training, TrainingRecord, train, uniform_parameters
 
 __all__ = [
     "CPGRL",
@@ -37,6 +37,7 @@ __all__ = [
     "Policy",
     "RolloutError",
     "SoftmaxTable",
+    "Training",
     "TrainingRecord",
     "WeightedSum",
     "map_runs",

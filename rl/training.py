@@ -1,7 +1,8 @@
 """Training: many runs of one learner in lockstep by episode, as a generator of records."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,24 +10,26 @@ import numpy as np
 from cpgrl_opt import ConstrainedStep, Linearization
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.step import Observer
-from cpgrl_opt.validation import is_finite, require_count
+from cpgrl_opt.validation import require_count
 
+from .carried import put_back, require_like, state_of
 from .channels import name_of
+from .described import described, described_environment, described_policy, first_difference
 from .estimators import Estimate, Estimation, GradientEstimator
 from .estimators.learned_episodes import LearnedEpisodes, LearningEstimation
 from .learners import CPGRL, Learner, LearnerUpdate
 from .policies import Policy
 from .policies.interface import parameter_vector
-from .rollout import PolicyError, RolloutError
+from .saved_state import read_state, write_state
 from .streams import run_indices, run_streams
+from .updates import Course, DivergenceError, estimated, updated
 
-_ADVICE = "Lower the rates, or set the step's ridge or max_restoration"
+__all__ = ["DivergenceError", "Initial", "Training", "TrainingRecord", "train", "uniform_parameters"]
+
+_KIND = "saved training"
+_PARTS = ("settings", "episode", "stationary", "parameters", "memory", "estimation")
 
 Initial = Callable[[np.random.Generator], Vector]
-
-
-class DivergenceError(FloatingPointError):
-    """An estimate or θ is not finite: the run cannot go on."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -74,6 +77,191 @@ class _LearnedRecord(TrainingRecord):
         return TrainingRecord, (self.episode, self.parameters, self.estimate, self.update)
 
 
+class Training:
+    """A training that can be stopped: iterate for its records, `save` between two of them, `load` and iterate on.
+
+    >>> training = Training(environment, policy, estimator, learner, episodes=10_000)      # doctest: +SKIP
+    >>> for record in training:                                                            # doctest: +SKIP
+    ...     if record.episode % 1000 == 0:
+    ...         training.save("training.npz")
+
+    `load` of the file into a `Training` made with the same arguments, in another process too, goes on bit for bit as
+    if there had been no stop. What is saved: θ, and whatever goes from episode to episode: averages, critics, random
+    streams, the learner's memory. Traces restart with each episode, so between two there are none. Arguments: as
+    `train` says. An environment begins each episode with `reset(seed=…)`; memory of its own beyond that is not saved.
+    """
+
+    def __init__(
+        self,
+        environment: Any,
+        policy: Policy,
+        estimator: GradientEstimator,
+        learner: Learner,
+        *,
+        episodes: int,
+        runs: int | Sequence[int] = 20,
+        seed: int = 0,
+        initial: Initial | None = None,
+        observe: Observer | None = None,
+        stop_when_stationary: bool = False,
+        max_change: float = np.inf,
+    ) -> None:
+        require_count("episodes", episodes, 0)
+        _require_types(initial, max_change)
+        indices = run_indices(runs)
+        streams = [run_streams(seed, run) for run in indices]
+        self._theta = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
+        self._estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
+        if not isinstance(self._estimation, Estimation):
+            raise ValueError(f"the estimator's start should return an Estimation (episode); found {self._estimation!r}")
+        self._learner, self._memory = learner, None
+        self._course = Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
+        self._learning, self._step = _compiled(self._estimation, learner, self._theta, self._course)
+        self._made_with = (environment, policy, estimator, learner, seed)
+        self._episode = 0
+        self._is_stationary = False  # after the last update, in every run
+        self._is_whole = True  # no episode has been begun that has no record yet
+        self._ahead: _Ahead | None = None
+
+    @property
+    def episode(self) -> int:
+        """How many are done."""
+        return self._episode
+
+    @property
+    def parameters(self) -> Float[np.ndarray, "B n"]:
+        """θ after them, a fresh array."""
+        ahead = self._ahead
+        return (self._theta if ahead is None else ahead.learned.parameters[ahead.shown]).copy()
+
+    def __iter__(self) -> Iterator[TrainingRecord]:
+        """The records of the episodes that are left."""
+        while self._episode < self._course.episodes and not (self._is_stationary and self._course.stop_when_stationary):
+            self._require_whole("go on")
+            self._is_whole = False
+            record = self._next()
+            self._is_whole = True
+            yield record
+
+    def save(self, path: Path | str) -> None:
+        """Writes what is needed to go on after the last record; the file is there whole, or not at all.
+
+        It is a zip file of JSON and arrays, as `numpy.load` reads; nothing is pickled. Raises ValueError where an
+        error has ended an episode halfway, for a learner's memory that is more than numbers, strings and arrays of
+        them in lists, tuples and dicts, and for an estimation that does not say what it carries (`Estimation`).
+        """
+        write_state(path, _KIND, self.state())
+
+    def load(self, path: Path | str) -> None:
+        """Goes on from a file of `save`: the same records, bit for bit, as those that followed it.
+
+        Raises ValueError, with the reason, for a file that is damaged or of another format, and where environment,
+        policy, estimator, learner, runs or seed are not those that it was made with; this training stays as it was.
+        `episodes`, `observe`, `stop_when_stationary` and `max_change` may be others.
+        """
+        try:
+            self.restore(read_state(path, _KIND))
+        except ValueError as error:
+            raise ValueError(f"{error} ({path})" if str(path) not in str(error) else str(error)) from error
+
+    def state(self) -> dict[str, Any]:
+        """What `save` writes, as a dict."""
+        self._require_whole("be saved")
+        self._rewind()
+        return {
+            "settings": self._settings(),
+            "episode": self._episode,
+            "stationary": self._is_stationary,
+            "parameters": self._theta,
+            "memory": self._memory,
+            "estimation": state_of(self._estimation),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """What `load` does with it."""
+        if missing := [name for name in _PARTS if name not in state]:
+            raise ValueError(f"a saved training should have {', '.join(missing)}; found {', '.join(state)}")
+        if type(state["episode"]) is not int or state["episode"] < 0:
+            raise ValueError(f"episode should be a number ≥ 0; found {state['episode']!r}")
+        difference = first_difference(state["settings"], self._settings(), "")
+        if difference is not None:
+            raise ValueError(difference)
+        require_like(self._theta, state["parameters"], "θ")
+        require_like(self._estimation, state["estimation"], "what the estimation carries")
+        put_back(self._estimation, state["estimation"])
+        self._ahead, self._is_whole = None, True
+        self._theta, self._memory = state["parameters"].copy(), state["memory"]
+        self._episode, self._is_stationary = state["episode"], bool(state["stationary"])
+
+    def _require_whole(self, what: str) -> None:
+        if not self._is_whole:
+            raise ValueError(f"a training should {what} between two episodes; found one that something ended halfway")
+
+    def _settings(self) -> dict[str, Any]:
+        environment, policy, estimator, learner, seed = self._made_with
+        return {
+            "environment": described_environment(environment),
+            "policy": described_policy(policy),
+            "estimator": described(estimator),
+            "learner": described(learner),
+            "runs": list(self._course.runs),
+            "seed": int(seed),
+        }
+
+    def _next(self) -> TrainingRecord:
+        """Of episodes simulated ahead, or of one that is simulated now."""
+        estimate = None
+        if self._learning is not None:
+            if self._ahead is None:
+                self._ahead = _Ahead.of(self._learning, self._theta, self._step, self._course.episodes - self._episode)
+            if self._ahead is not None and self._ahead.shown < self._ahead.learned.made:
+                return self._shown(self._ahead)
+            if self._ahead is not None:  # an episode whose update is not the usual one
+                learned, self._ahead = self._ahead.learned, None
+                estimate, self._theta = learned.estimate(learned.made), learned.parameters[learned.made]
+        episode = self._episode + 1
+        estimate = estimate or estimated(self._estimation, self._theta, self._course, episode)
+        theta, update = updated(estimate, self._learner, self._theta, self._memory, self._course, episode)
+        self._theta, self._memory, self._episode = theta, update.memory, episode
+        self._is_stationary = bool(update.stationary.all())
+        return TrainingRecord(episode, theta, estimate, update)
+
+    def _shown(self, ahead: "_Ahead") -> TrainingRecord:
+        learned = ahead.learned
+        self._episode += 1
+        record = _LearnedRecord.of(self._episode, learned, ahead.shown)
+        ahead.shown += 1
+        if ahead.shown == len(learned.change):
+            self._theta, self._ahead = learned.parameters[ahead.shown], None
+        return record
+
+    def _rewind(self) -> None:
+        """The estimation goes back to where it was after the last record: what it did since is done again later."""
+        if self._ahead is None or self._learning is None:
+            return
+        put_back(self._estimation, self._ahead.before or state_of(self._estimation))
+        if self._ahead.shown:
+            learned = self._learning.learned_episodes(self._theta, self._step, self._ahead.shown)
+            assert learned is not None
+            self._theta = learned.parameters[self._ahead.shown]
+        self._ahead = None
+
+
+@dataclass(eq=False, slots=True)
+class _Ahead:
+    """Episodes that were simulated ahead of their records, and the estimation's state before them; None if untold."""
+
+    learned: LearnedEpisodes
+    before: dict[str, Any] | None
+    shown: int = 0
+
+    @classmethod
+    def of(cls, learning: LearningEstimation, theta: np.ndarray, step: tuple[Any, ...], most: int) -> "_Ahead | None":
+        before = state_of(learning) if hasattr(type(learning), "carried") else None
+        learned = learning.learned_episodes(theta, step, most)
+        return None if learned is None else cls(learned, before)
+
+
 def train(
     environment: Any,
     policy: Policy,
@@ -97,19 +285,17 @@ def train(
     max_change: the most by which an update may move a component of θ, in its unit. A diverging update need not reach
     infinity: on the arm the paper's own throws θ so far that the policy never acts otherwise again.
     Compiled episodes that nobody observes are simulated some milliseconds ahead of their records.
+    `Training` takes the same and can be saved between two records.
     Raises ValueError for bad input at once; RolloutError, a ValueError, for an environment's NaN or infinity, with the
     step, episode and run; DivergenceError when an estimate, an action or θ is not finite or θ moves further.
     """
-    require_count("episodes", episodes, 0)
-    _require_types(initial, max_change)
-    indices = run_indices(runs)
-    streams = [run_streams(seed, run) for run in indices]
-    parameters = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
-    estimation = estimator.start(environment, policy, [stream.episodes for stream in streams])
-    if not isinstance(estimation, Estimation):
-        raise ValueError(f"the estimator's start should return an Estimation (episode); found {estimation!r}")
-    course = _Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
-    return _records(estimation, learner, parameters, course)
+    return iter(
+        Training(
+            environment, policy, estimator, learner,
+            episodes=episodes, runs=runs, seed=seed, initial=initial, observe=observe,
+            stop_when_stationary=stop_when_stationary, max_change=max_change,
+        )
+    )  # fmt: skip
 
 
 def _require_types(initial: object, max_change: object) -> None:
@@ -119,43 +305,8 @@ def _require_types(initial: object, max_change: object) -> None:
         raise ValueError(f"initial should be a function of a random generator, or None; found {initial!r}")
 
 
-@dataclass(frozen=True)
-class _Course:
-    environment: str
-    runs: tuple[int, ...]
-    episodes: int
-    observe: Observer | None
-    stop_when_stationary: bool
-    max_change: float
-
-
-def _records(
-    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: _Course
-) -> Iterator[TrainingRecord]:
-    memory: Any = None
-    learning, step = _compiled(estimation, learner, parameters, course)
-    episode = 0
-    while episode < course.episodes:
-        estimate = None
-        learned = learning.learned_episodes(parameters, step, course.episodes - episode) if learning else None
-        if learned is not None:
-            for k in range(learned.made):
-                yield _LearnedRecord.of(episode + k + 1, learned, k)
-            episode, parameters = episode + learned.made, learned.parameters[learned.made]
-            if learned.made == len(learned.change):
-                continue
-            estimate = learned.estimate(learned.made)
-        episode += 1
-        estimate = estimate or _estimated(estimation, parameters, course, episode)
-        parameters, update = _updated(estimate, learner, parameters, memory, course, episode)
-        memory = update.memory
-        yield TrainingRecord(episode, parameters, estimate, update)
-        if course.stop_when_stationary and update.stationary.all():
-            return
-
-
 def _compiled(
-    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: _Course
+    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: Course
 ) -> tuple[LearningEstimation | None, tuple[Any, ...]]:
     """Who makes usual updates without Python, and what it takes of the learner; None where nobody can.
 
@@ -169,94 +320,6 @@ def _compiled(
     if way is not None and speaks_for_itself and isinstance(estimation, LearningEstimation):
         return estimation, (learner.thresholds.copy(), way, float(course.max_change))
     return None, ()
-
-
-def _estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: _Course, episode: int) -> Estimate:
-    """One episode; what is wrong with environment or policy is told with the run's own number."""
-    try:
-        estimate = estimation.episode(parameters)
-    except RolloutError as error:
-        error.episode, error.run = episode, None if error.run is None else course.runs[error.run]
-        if isinstance(error, PolicyError):
-            raise DivergenceError(f"{error}. If that is large: {_ADVICE[0].lower()}{_ADVICE[1:]}") from error
-        raise
-    if not all(hasattr(estimate, name) for name in ("values", "gradients", "rewards")):
-        raise ValueError(f"the estimator's episode should return an Estimate; found {estimate!r}")
-    return estimate
-
-
-def _updated(
-    estimate: Estimate,
-    learner: Learner,
-    parameters: Float[np.ndarray, "B n"],
-    memory: Any,
-    course: _Course,
-    episode: int,
-) -> tuple[Float[np.ndarray, "B n"], LearnerUpdate]:
-    """The learner's update and θ after it, or what is wrong with either."""
-    linearization = _finite(estimate, parameters, course, episode)
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
-        try:
-            update = learner.update(linearization, memory, course.observe)
-        except FloatingPointError as error:
-            raise DivergenceError(f"after episode {episode} {error}. {_ADVICE}") from error
-        _require_update(update, parameters)
-        parameters = parameters + update.change
-    _require_finite(parameters, course.runs, episode)
-    _require_small(update.change, course, episode)
-    return parameters, update
-
-
-def _finite(estimate: Estimate, parameters: Float[np.ndarray, "B n"], course: _Course, episode: int) -> Linearization:
-    """The linearization, or which run and channel diverged."""
-    if not is_finite(estimate.rewards):
-        run, channel = np.argwhere(~np.isfinite(estimate.rewards))[0]
-        raise RolloutError(
-            f"rewards of channel {channel} should be finite; found a sum of {estimate.rewards[run, channel]}, where "
-            f"max |θ| = {np.abs(parameters[run]).max():.3g} (episode {episode}, run {course.runs[run]}, "
-            f"{course.environment})"
-        )
-    try:
-        return estimate.linearization
-    except ValueError as error:
-        finite = np.isfinite(estimate.values) & np.isfinite(estimate.gradients).all(axis=2)
-        if finite.all():
-            raise
-        run, channel = np.argwhere(~finite)[0]
-        raise DivergenceError(
-            f"the estimate of channel {channel} in run {course.runs[run]}, episode {episode}, should be finite; found "
-            f"ρ = {estimate.values[run, channel]}, max |Δ| = {np.abs(estimate.gradients[run, channel]).max()}. "
-            f"{_ADVICE}"
-        ) from error
-
-
-def _require_update(update: Any, parameters: Float[np.ndarray, "B n"]) -> None:
-    """ValueError unless a learner's answer holds a change for each θ: another shape would spread over the runs."""
-    if not hasattr(update, "change"):
-        raise ValueError(f"the learner's update should return a LearnerUpdate; found {update!r}")
-    change = np.asarray(update.change)
-    if change.shape != parameters.shape or change.dtype.kind not in "fiu":
-        raise ValueError(
-            f"the learner's change should be numbers of shape {parameters.shape}; found {change.dtype}, {change.shape}"
-        )
-
-
-def _require_finite(parameters: Float[np.ndarray, "B n"], runs: tuple[int, ...], episode: int) -> None:
-    if not is_finite(parameters):
-        run, index = np.argwhere(~np.isfinite(parameters))[0]
-        raise DivergenceError(
-            f"θ[{index}] in run {runs[run]} should be finite after episode {episode}; found {parameters[run, index]}. "
-            f"{_ADVICE}"
-        )
-
-
-def _require_small(change: Float[np.ndarray, "B n"], course: _Course, episode: int) -> None:
-    if course.max_change < np.inf and (found := np.abs(change)).max() > course.max_change:
-        run, index = np.unravel_index(found.argmax(), found.shape)
-        raise DivergenceError(
-            f"θ[{index}] in run {course.runs[run]} should move by at most max_change = {course.max_change:g} in the "
-            f"update after episode {episode}; found {change[run, index]:g}. {_ADVICE}"
-        )
 
 
 def uniform_parameters(n: int, low: float = 0.0, high: float = 1.0) -> Initial:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 class ContinuousGPOMDP:
     """B runs of `GPOMDP` on `ContinuousKernels`; carries ρ and the random states."""
 
+    carried = ("rollout", "average", "reported", "watch")
+
     def __init__(
         self,
         settings: "GPOMDP",

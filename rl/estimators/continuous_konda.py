@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 class ContinuousKonda:
     """B runs of `KondaActorCritic` on `ContinuousKernels`; carries ρ, w and the random states."""
 
+    carried = ("rollout", "average", "reported", "exchanged_critics")
+
     def __init__(
         self,
         settings: "KondaActorCritic",

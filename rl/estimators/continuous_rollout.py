@@ -43,6 +43,8 @@ class ContinuousRollout:
     kernels take them. Raises ValueError when the policy's state or action does not fit the kernels.
     """
 
+    carried = ("random_states",)
+
     def __init__(
         self,
         advance: Any,

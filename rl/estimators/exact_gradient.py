@@ -60,6 +60,8 @@ def _require_own_answers(environment: FiniteMDP) -> None:
 class ExactEstimation:
     """Runs at their θ; nothing is carried over."""
 
+    carried = ()
+
     def __init__(self, mdp: FiniteMDP, policy: SoftmaxTable, runs: int) -> None:
         self.mdp = mdp
         self.policy = policy

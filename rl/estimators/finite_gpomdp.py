@@ -31,6 +31,8 @@ class FiniteGPOMDP:
     Raises ValueError when the policy's table does not fit the kernel.
     """
 
+    carried = ("random_states", "average")
+
     def __init__(
         self,
         settings: "GPOMDP",
@@ -53,6 +55,7 @@ class FiniteGPOMDP:
         self.gain = sum_of_weights(rate, self.steps - first)
         self.shape = (len(streams), channels, states * actions)
         self.taken, self.events = np.full(len(streams), self.steps), np.zeros(len(streams), dtype=np.int64)
+        self.random_states = np.array([random_state(stream) for stream in streams])
         self.arguments = (  # of the kernels, in their order
             transition_thresholds(mdp, policy),
             rewards,
@@ -64,7 +67,7 @@ class FiniteGPOMDP:
             float(settings.trace_decay),
             following,
             rate,
-            np.array([random_state(stream) for stream in streams]),
+            self.random_states,
             self.average.per_step,
         )
 

@@ -30,6 +30,8 @@ class FiniteKonda:
     Raises ValueError when the policy's table does not fit the kernel.
     """
 
+    carried = ("random_states", "average", "critics")
+
     def __init__(
         self,
         settings: "KondaActorCritic",

@@ -85,6 +85,8 @@ class RolloutGPOMDP:
     One environment serves all runs: each episode resets it with a seed from the run's own stream (`rollout.episode`).
     """
 
+    carried = ("rngs", "average", "reported", "watch")
+
     def __init__(
         self, settings: GPOMDP, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
     ) -> None:

@@ -36,7 +36,11 @@ class Estimate:
 
 @runtime_checkable
 class Estimation(Protocol):
-    """B runs under way: what is carried from episode to episode lives here."""
+    """B runs under way: what is carried from episode to episode lives here.
+
+    `carried`, a class attribute, names the attributes that hold it, so that a training can be saved: arrays, numbers,
+    generators, lists of them, objects with names of their own. Without it everything else works.
+    """
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run at its own θ, a row of `parameters`."""

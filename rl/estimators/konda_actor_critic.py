@@ -97,6 +97,8 @@ class RolloutKonda:
     One environment serves all runs: each episode resets it with a seed from the run's own stream (`rollout.episode`).
     """
 
+    carried = ("rngs", "average", "reported", "critics")
+
     def __init__(
         self, settings: KondaActorCritic, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
     ) -> None:

@@ -42,6 +42,8 @@ class ReportedGradient:
     is about ∇E[R/N], which is neither report's gradient unless all episodes are equally long.
     """
 
+    carried = ("weight", "lengths", "rewards", "unequal")
+
     def __init__(self, by_episode: Bool[np.ndarray, "channels"], rate: float, runs: int, *, as_printed: bool) -> None:
         self.by_episode = by_episode
         self.as_printed = as_printed
@@ -103,6 +105,8 @@ class UpdateWatch:
 
     Once a run has made an update it says nothing more: a one-step episode among longer ones rightly adds nothing to Δ.
     """
+
+    carried = ("episodes", "updated")
 
     def __init__(self) -> None:
         self.episodes = 0

@@ -38,6 +38,8 @@ class MeanWeight:
     α = 0 it stays the plain mean. M is exactly x where all numbers are x, as γ_1 is exactly 1.
     """
 
+    carried = ("count", "total")
+
     def __init__(self, rate: float) -> None:
         self.rate = rate
         self.count = 0
@@ -68,6 +70,8 @@ class StoredAverage:
     (1 without correction), which the estimator advances in place, both at the same steps; per_episode: (B, 1 + m), as
     reported. Raises ValueError for other kinds, or not as many as channels.
     """
+
+    carried = ("per_step", "totals", "per_episode", "weight", "settled")
 
     def __init__(self, settings: AverageSettings, runs: int, channels: int) -> None:
         average = settings.average
