@@ -19,7 +19,6 @@ Accuracy beside time: the worst KKT residual; of a step how far J Δθ is from �
     OMP_NUM_THREADS=1 python benchmarks/long_vectors.py [--parameters 100000,1000000,10000000]
         [--constraints 1,5,31,50] [--out benchmarks/results]
 
-Where TorchJD is installed its DualProj stands beside `active-set`, on six rows and their mean.
 Limitations: one machine, whatever else it does at the time; CPU seconds, medians. Gradients are standard normal
 numbers, so rows are nearly orthogonal; half of the bounds of a direction hold with equality. What has more numbers than
 --most is left out.
@@ -146,30 +145,6 @@ def untouched_share(n: int, m: int, scale: float) -> float:
     return rest / whole
 
 
-def beside_torchjd(parameters: Sequence[int], scale: float) -> list[Row]:
-    """Six rows and their mean, DualProj in place of the floor; none where TorchJD is not installed."""
-    try:
-        import torch  # type: ignore[import-not-found,unused-ignore]
-        from torchjd.aggregation import DualProj  # type: ignore[import-not-found,unused-ignore]
-    except ImportError:
-        return []
-    torch.set_num_threads(1)
-    rows = []
-    for n in parameters:
-        J = drawn(n, 5).gradients
-        for kind in (torch.float64, torch.float32):
-            tensor, project = torch.from_numpy(J).to(kind), DualProj()
-            theirs, ours, (problem, found) = in_turns(
-                lambda: project(tensor),  # noqa: B023
-                lambda: direction(J.mean(axis=0), J, 0.0),  # noqa: B023
-                repeats_of(n, 5, scale),
-            )
-            answer, work = judged(problem, found), f"six rows, beside DualProj in {str(kind).removeprefix('torch.')}"
-            times = 1e3 * ours, 1e3 * theirs, ours / theirs
-            rows.append(Row(work, n, 6, *times, answer.rung, answer.error, answer.failed, repeats_of(n, 5, scale)))
-    return rows
-
-
 def slope(first: tuple[float, float], last: tuple[float, float]) -> float:
     """log(t₂/t₁) / log(x₂/x₁) of two (x, t)."""
     return math.log(last[1] / first[1]) / math.log(last[0] / first[0]) if last[0] > first[0] else math.nan
@@ -213,19 +188,14 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float, bool]], load: float) -> str:
+def page(rows: list[Row], judged: list[tuple[str, str, float, bool]], load: float) -> str:
     """The tables with what they were measured on; load: processes that ran at the start."""
     import numba
 
     threads = os.environ.get("OMP_NUM_THREADS")
     said = "one thread" if threads == "1" else f"**OMP_NUM_THREADS is {threads}, so the floor may use several threads**"
-    torchjd = "\n".join(
-        f"- {row.work}, n = {row.n:.0e}: {row.milliseconds:.3g} ms beside {row.floor_milliseconds:.3g} ms, "
-        f"{row.ratio:.2f} ×"
-        for row in beside
-    )
     versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
-    failures = f"{sum(row.failed for row in (*rows, *beside))} of {len(rows) + len(beside)}"
+    failures = f"{sum(row.failed for row in rows)} of {len(rows)}"
     kept = "\n".join(
         f"| {what} | {bar} | {value:.3g} | {'kept' if is_kept else 'missed'} |" for what, bar, value, is_kept in judged
     )
@@ -233,7 +203,6 @@ def page(rows: list[Row], beside: list[Row], judged: list[tuple[str, str, float,
         "# Directions at the size of a network\n\nCPU time over that of `A @ A.T`, `w @ A` and `J @ d`, in turns with "
         f"these; medians; {said}. Rungs: of the direction; of rows near opposing. Failures: {failures}.\n\n"
         f"{table(rows)}\n\n| | bar | measured | |\n|---|--:|--:|---|\n{kept}\n\n"
-        f"Beside TorchJD: {(torchjd and chr(10) + chr(10) + torchjd) or '– (not installed)'}\n\n"
         f"{os.cpu_count()} cores, {platform.machine()} {platform.system()}, {load:.1f} processes busy at the start; "
         f"{versions}. "
         "Command: `OMP_NUM_THREADS=1 python benchmarks/long_vectors.py --out benchmarks/results`; what is measured, "
@@ -256,13 +225,12 @@ def main() -> None:
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
     rows = [row for n, m in sizes for row in measure(n, m, arguments.scale)]
     shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
-    beside = beside_torchjd([n for n in (1_000, 100_000, 1_000_000) if n <= max(arguments.parameters)], arguments.scale)
-    said = page(rows, beside, verdicts(rows, shares), load)
+    said = page(rows, verdicts(rows, shares), load)
     print(said)
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)
         (arguments.out / "long_vectors.md").write_text(said, encoding="utf-8")
-        write(arguments.out / "long_vectors.csv", Row, [*rows, *beside])
+        write(arguments.out / "long_vectors.csv", Row, rows)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from .validation import (
     require_positive,
     require_shape,
 )
-from .vectors import ArrayVectors, Vectors, is_long
+from .vectors import REPRESENTABLE, ArrayVectors, Vectors, is_long
 
 _Kind = TypeVar("_Kind")
 
@@ -210,10 +210,13 @@ def nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> D
     return Direction(value, np.zeros(problem.m), status, iterations)
 
 
-def in_form(problem: DirectionProblem, found: Direction) -> Direction:
+def in_form(problem: DirectionProblem, found: Direction, **changes: Any) -> Direction:
     """An answer in one array of float64 in the form of g; NUMERICAL_ERROR where d leaves the dtypes of g's leaves."""
-    value = problem.as_given(problem.row_of(found.value))
-    return replace(found, value=value) if problem.is_representable(value) else nothing(problem, Status.NUMERICAL_ERROR)
+    row = problem.row_of(found.value)
+    value = problem.as_given(row)
+    if np.vdot(row, row) <= REPRESENTABLE or problem.is_representable(value):
+        return replace(found, value=value, **changes)
+    return nothing(problem, Status.NUMERICAL_ERROR)
 
 
 def without_geometry(problem: DirectionProblem) -> DirectionProblem:

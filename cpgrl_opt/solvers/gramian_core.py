@@ -9,9 +9,8 @@ import numpy as np
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem
 from ..reduction import EXACT, GATES
+from ..vectors import REPRESENTABLE
 from .compiled._gramian_core import judge, weigh
-
-_MOST = 1e76  # of d·d: up to here no entry of d leaves float32 or bfloat16, which end at 3e38
 
 
 def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction | None:
@@ -25,6 +24,6 @@ def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction |
     value, sums = problem.vectors.combine_usually(weights)
     judge.run(K, problem.equality, GATES, small, index, sums, report)
     residuals = KKTResiduals(*report.tolist())
-    if not residuals.worst <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= _MOST):
+    if not residuals.worst <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
         return None
     return Direction.found(value, weights[1:].copy(), Status.OPTIMAL, changes, residuals, "gramian")

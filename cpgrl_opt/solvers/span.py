@@ -8,11 +8,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import inf
 
+import numpy as np
+
 from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, in_form, nothing, without_geometry
+from ..problem import DirectionProblem, in_form, nothing
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
 from ..vectors import is_long
@@ -61,9 +63,9 @@ def solve_in_span(
                 return replace(found, value=value, rung=rung)
     if not vectors.has_rows:
         return left or nothing(problem, Status.UNCERTIFIED)
-    rows = without_geometry(problem)
-    whole = DirectionProblem.trusted(rows.gradient, rows.jacobian, rows.bound, rows.equality, problem.radius)
-    return in_form(problem, replace(solve(whole), rung="rows"))
+    g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
+    whole = DirectionProblem.trusted(g, J, problem.bound, problem.equality, problem.radius)
+    return in_form(problem, solve(whole), rung="rows")
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:

@@ -6,7 +6,7 @@ several processes.
 """
 
 from ._kinds import channels_of, kind_of
-from ._numpy import ArrayVectors, LeafVectors, is_long
+from ._numpy import REPRESENTABLE, ArrayVectors, LeafVectors, is_long
 from ._operations import OperationVectors, VectorOperations
 from ._sharded import Sharded
 from ._torch import gather_by_torch
@@ -14,6 +14,7 @@ from ._trees import TreeVectors
 from .interface import Certificate, Vectors
 
 __all__ = [
+    "REPRESENTABLE",
     "ArrayVectors",
     "Certificate",
     "LeafVectors",

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ LEAST_PRODUCTS = 1_000_000
 BFLOAT16 = np.dtype(np.uint16)  # its bits: NumPy knows no such numbers, see `_bfloat16`
 DTYPES = np.dtype(np.float64), np.dtype(np.float32)
 Leaf = tuple[Any, Any]
+REPRESENTABLE = 1e76  # of d·d: up to here no entry of d leaves float32 or bfloat16, which end at 3e38
 
 
 def is_long(m: int, n: int) -> bool:
@@ -69,6 +71,8 @@ class LeafVectors(Vectors):
 
     def row_of(self, direction: Any, name: str = "direction.value") -> Vector:
         """d as one array of float64."""
+        if type(direction) is np.ndarray and direction.dtype == np.float64 and direction.shape == (self.shape[1],):
+            return direction
         return np.concatenate([*map(self.host, self.taken_apart(direction, name))], dtype=np.float64)
 
     def from_row(self, row: Vector) -> Any:
@@ -79,7 +83,8 @@ class LeafVectors(Vectors):
 
     def split(self, row: Vector) -> list[np.ndarray]:
         """By leaves."""
-        return np.split(row, np.cumsum([len(g) for g, _ in self.leaves])[:-1])
+        ends = accumulate((len(g) for g, _ in self.leaves), initial=0)
+        return [row[start:end] for start, end in pairwise(ends)]
 
     def host(self, part: Any) -> np.ndarray:
         """A part in numbers that NumPy knows."""
@@ -96,9 +101,9 @@ class LeafVectors(Vectors):
 
     def are_finite(self) -> bool:
         """No NaN and no infinity: seen in K, unless squares overflow."""
-        if math.isfinite(sum(self.gramian().diagonal().tolist())):
+        if is_long(*self.shape) and math.isfinite(sum(self.gramian().diagonal().tolist())):
             return True
-        return all(is_finite(self.host(part)) for g, J in self.leaves for part in (g, *J))
+        return all(is_finite(self.host(part)) for leaf in self.leaves for part in _arrays(*leaf))
 
     def require_finite(self) -> None:
         """ValueError that names the leaf."""
@@ -160,6 +165,10 @@ class LeafVectors(Vectors):
         return [(dtype, of, (np.empty(0, dtype), _locate([self.leaves[k] for k in of]))) for dtype, of in alike.items()]
 
 
+def _arrays(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    return (g, *J) if isinstance(J, tuple) else (g, J)
+
+
 def _locate(leaves: list[Leaf]) -> np.ndarray:
     """(leaves, 1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
     where, dtype = np.empty((len(leaves), 1 + len(leaves[0][1]), 4), np.int64), leaves[0][0].dtype
@@ -168,7 +177,7 @@ def _locate(leaves: list[Leaf]) -> np.ndarray:
     locate = _blocks().locate[dtype].machine_code
     for places, (g, J) in zip(where, leaves, strict=True):
         count = len(g)
-        for first, array in enumerate((g, *J) if isinstance(J, tuple) else (g, J)):
+        for first, array in enumerate(_arrays(g, J)):
             if array.dtype != dtype or array.shape[-1] != count:  # what lies at an address nobody checks again
                 raise ValueError(
                     f"vectors should be of {count} numbers of {dtype}; found {array.dtype}, shape {array.shape}"

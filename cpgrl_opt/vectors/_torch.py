@@ -25,12 +25,12 @@ def is_tensor(value: Any) -> bool:
 
 def is_apart(value: Any) -> bool:
     """Whether it is a tensor that NumPy cannot see, since it lies on another device."""
-    return is_tensor(value) and value.device.type != "cpu"
+    return is_tensor(value) and not value.is_cpu
 
 
 def detach(tensor: Any) -> Any:
     """The tensor without its graph; ValueError for what is sparse or has no float64 beside it."""
-    if tensor.layout is not _torch().strided or tensor.device.type in ("meta", "mps"):
+    if tensor.layout is not _torch().strided or (not tensor.is_cpu and tensor.device.type in ("meta", "mps")):
         raise ValueError(
             f"tensors should be dense and on a device that has float64; found {tensor.layout} on {tensor.device}"
         )
@@ -52,7 +52,7 @@ def as_array(tensor: Any) -> np.ndarray:
 def as_tensor(part: np.ndarray, like: Any) -> Any:
     """The other way, in the shape of `like`, and on its device."""
     torch = _torch()
-    tensor = torch.from_numpy(np.require(part, requirements="W"))  # of what is read-only it would warn
+    tensor = torch.from_numpy(part if part.flags.writeable else part.copy())  # of what is read-only it would warn
     return (tensor.view(torch.bfloat16) if part.dtype == np.uint16 else tensor).reshape(like.shape).to(like.device)
 
 

@@ -39,7 +39,7 @@ class TreeVectors(LeafVectors):
         parts = [self._floats("gradient", path, leaf).reshape(-1) for path, leaf in own]
         if not parts:
             raise ValueError("gradient should have at least one component; found none")
-        for path, leaf in own:
+        for path, leaf in own[1:]:
             _require_library("gradient", path, leaf, own[0][1])
         if self._is_stacked:
             rows: list[Any] = [self._stacked(path, leaf) for path, leaf in own]
