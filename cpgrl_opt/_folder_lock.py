@@ -8,7 +8,6 @@ the file system has no locks, a warning says so and nothing is locked.
 
 import contextlib
 import errno
-import json
 import os
 import shlex
 import socket
@@ -52,7 +51,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
     is_within = lock.lock_counter > 1
     try:
         if not is_within:
-            file.write_text(json.dumps(_signature()), encoding="utf-8")
+            file.write_text(_signature(), encoding="utf-8")
         yield
     finally:
         if not is_within:
@@ -62,21 +61,15 @@ def locked_folder(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def _signature() -> dict[str, object]:
+def _signature() -> str:
     """Who holds it, for whoever comes second."""
-    program = Path(sys.argv[0]).name if sys.argv else ""
-    return {
-        "command": shlex.join([program, *sys.argv[1:]]),
-        "process": os.getpid(),
-        "host": socket.gethostname(),
-        "since": datetime.now().astimezone().isoformat(" ", "seconds"),
-    }
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]) if sys.argv else ""
+    since = datetime.now().astimezone().isoformat(" ", "seconds")
+    return f"{command!r}, process {os.getpid()} on {socket.gethostname()} since {since}"
 
 
 def _holder(file: Path) -> str:
     """Who signed; "another process" in the moment before it has, and on Windows, where nobody reads a locked file."""
-    try:
-        facts = json.loads(file.read_text(encoding="utf-8"))
-        return f"{facts['command']!r}, process {facts['process']} on {facts['host']} since {facts['since']}"
-    except (OSError, ValueError, KeyError, TypeError):
-        return "another process"
+    with contextlib.suppress(OSError, UnicodeError):
+        return file.read_text(encoding="utf-8") or "another process"
+    return "another process"

@@ -2,41 +2,30 @@
 
     admit → tangent and restoration of one run after the other → θ moves by α₁ s + αₑ v
 
-with the numbers of `_step_run`, bit for bit. Importing this module imports numba.
+with the numbers of `_step_run`, bit for bit.
 """
 
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .machine_code import forget_outdated_kernels
 from .solvers.compiled._direct import SHARP, WEIGHT, solve_problem
-from .solvers.compiled._entry_point import entry_point
+from .solvers.compiled._entry_point import entry_point, kernel
 from .step_kernels import admit, mark_vanishing, predict
 
 _FOLDER = Path(__file__).parent
 _SOURCES = (_FOLDER / "step_kernels.py", *(_FOLDER / "solvers" / "compiled").glob("*.py"))
 forget_outdated_kernels(_FOLDER, "direct_step*", _SOURCES)
-_admit, _mark_vanishing, _predict = admit.helper, mark_vanishing.helper, predict.helper
+_admit, _mark_vanishing, _predict = (kernel(each.function) for each in (admit, mark_vanishing, predict))
 
 
 @entry_point(
     "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
     interpreted=(0, 0),
 )
-def move(
-    gradients: Any,
-    slack: Any,
-    active: Any,
-    settings: Any,
-    flat: Any,
-    change: Any,
-    multipliers: Any,
-    residuals: Any,
-    predicted: Any,
-) -> bool:
+def move(gradients, slack, active, settings, flat, change, multipliers, residuals, predicted):
     """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run.
 
     Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m). settings:

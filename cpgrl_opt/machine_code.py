@@ -59,13 +59,6 @@ class CompiledLate:
         """The compiled function itself."""
         return compiled(self.signature, self.function)
 
-    @cached_property
-    def helper(self) -> Any:
-        """For other compiled functions to call, whose machine code its own is part of: neither cached nor loaded."""
-        from numba import njit
-
-        return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(self.function)
-
     def __call__(self, *arguments: Any) -> Any:
         """As the function."""
         return self.machine_code(*arguments)

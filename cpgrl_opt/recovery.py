@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from .arrays import Float, Vector
+from .arrays import Vector
 from .direction import DirectionError, Status
 from .problem import DirectionProblem, ProblemBatch
 from .scaling import norm, unit_rows
@@ -61,8 +61,11 @@ def _violate_least(rows: SoftRows, gradient: Vector, radius: float) -> Vector:
     d = _approach(rows)
     rounding = _ROUNDING * max(1.0, norm(d))  # which would else be all that rows which oppose each other ask for
     given = np.where(rows.gives, rows.bound - rows.violation(d) - rounding, rows.bound)
-    nearest = _nearest(rows, given, gradient, None if radius == math.inf else radius)
-    return d if nearest is None else nearest
+    one = gradient[None].copy(), rows.jacobian[None], given[None], rows.equality[None]
+    problem = ProblemBatch.trusted(*one).in_geometry(None, None if radius == math.inf else radius)
+    [answer] = solve_batch(ActiveSet(), problem)
+    # Rounding may leave nothing that meets these bounds, and then the least violation is as good.
+    return answer.value if answer.status in (Status.OPTIMAL, Status.INFEASIBLE) else d
 
 
 def _approach(rows: SoftRows) -> Vector:
@@ -75,10 +78,3 @@ def _approach(rows: SoftRows) -> Vector:
         if np.abs(v - before).max() <= _STAYS:
             break
     return d
-
-
-def _nearest(rows: SoftRows, bound: Float[np.ndarray, "p"], gradient: Vector, radius: float | None) -> Vector | None:
-    """Of what meets these bounds; rounding may leave nothing that does, and then the least violation is as good."""
-    problems = ProblemBatch.trusted(gradient[None].copy(), rows.jacobian[None], bound[None], rows.equality[None])
-    [answer] = solve_batch(ActiveSet(), problems.in_geometry(None, radius))
-    return answer.value if answer.status in (Status.OPTIMAL, Status.INFEASIBLE) else None

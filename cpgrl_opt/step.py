@@ -5,7 +5,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from ._gate import metric_of_rows
 from ._step_run import StepRun
 from .active_set import violated
 from .arrays import ArrayLike, Bool, Float
+from .direct_step import move
 from .direction import DirectionError
 from .formulation import FORMULATIONS
 from .linearization import Linearization
@@ -24,7 +24,7 @@ from .step_result import StepResult, skipped_result, stack_results, usual_result
 from .step_settings import DROP_RULES, ON_FAILURE, Observer, StepSettings
 from .validation import boolean_array, finite_array, is_finite, read_only, real_values, require_shape
 
-__all__ = ["DROP_RULES", "ON_FAILURE", "ConstrainedStep", "Observer", "StepResult", "direct_step", "usual_result"]
+__all__ = ["DROP_RULES", "ON_FAILURE", "ConstrainedStep", "Observer", "StepResult", "usual_result"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ class ConstrainedStep(StepSettings):
             flat, change = np.empty(runs, np.int64), np.empty((*runs, n))
             proof = np.empty((*runs, m)), np.empty((*runs, 4)), np.empty((*runs, m))
             given, found = _stack(runs, gradients, slack, active), _stack(runs, flat, change, *proof)
-            if direct_step().move.run(*given, direct, *found):
+            if move.run(*given, direct, *found):
                 return usual_result(change, active, flat, *proof)
         return StepRun(self, observe, count).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
 
@@ -200,11 +200,3 @@ def _original(whitening: Whitening, change: Float[np.ndarray, "*runs n"]) -> Flo
             "the change of θ should be finite; found one that overflows in the units of the metric"
         )
     return original
-
-
-@cache
-def direct_step() -> Any:
-    """The module of the usual way; imports numba."""
-    from . import direct_step as compiled
-
-    return compiled

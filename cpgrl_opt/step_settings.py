@@ -14,13 +14,9 @@ from .formulation import FORMULATIONS
 from .metric import Whitening, validated_metric
 from .metric_operator import ITERATIONS, TOLERANCE, require_limits
 from .problem import ProblemBatch
+from .settings import CheckedSettings
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, solver_named, tolerance_of
-from .validation import (
-    ReadOnlyArrays,
-    require_member,
-    require_nonnegative,
-    require_positive,
-)
+from .validation import require_member, require_nonnegative, require_positive
 from .vectors import is_long, kind_of
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
@@ -29,12 +25,11 @@ DROP_RULES = ("never", "stationary", "always")
 ON_FAILURE = ("fallback", "skip", "raise")
 # Of their answers PΔ¹ = 0 is seen as well as by the closed form.
 CLOSED_FORM = (ActiveSet, Rosen)
-_NUMBERS = ("step_size", "restoration_rate", "slack_fraction", "ridge", "max_restoration", "radius")
 _WITHOUT_RADIUS, _WITH_RADIUS = 0.02, 1.0  # the paper's α₁; a step as long as the radius
 
 
 @dataclass(frozen=True, kw_only=True)
-class StepSettings(ReadOnlyArrays):
+class StepSettings(CheckedSettings):
     """The settings of `ConstrainedStep`, which says what they mean."""
 
     solver: DirectionSolver | str = field(default_factory=lambda: SOLVERS["active-set"])
@@ -53,6 +48,7 @@ class StepSettings(ReadOnlyArrays):
     metric_tolerance: Number = TOLERANCE
     metric_iterations: Number = ITERATIONS
     _metric_bytes: bytes = field(default=b"", init=False, repr=False)  # by which steps compare and hash
+    _whitening: Whitening | None = field(default=None, init=False, repr=False, compare=False)  # L of M = LLᵀ
 
     def __post_init__(self) -> None:
         self._look_up_names()
@@ -81,10 +77,8 @@ class StepSettings(ReadOnlyArrays):
     def __setstate__(self, state: dict[str, Any]) -> None:
         # What follows from the settings is found anew: older states may lack it, or have it in another form.
         names = {each.name for each in fields(self)}
-        super().__setstate__({name: value for name, value in state.items() if name in names})
-        _ = self._whitening
-        if callable(self.metric):
-            vars(self).update(_metric_bytes=str(id(self.metric)).encode())
+        vars(self).update({name: value for name, value in state.items() if name in names})
+        self.__post_init__()
 
     def _look_up_names(self) -> None:
         if isinstance(self.solver, str):
@@ -101,8 +95,6 @@ class StepSettings(ReadOnlyArrays):
         require_member("on_failure", self.on_failure, ON_FAILURE)
 
     def _check_numbers(self) -> None:
-        if not isinstance(self.raw_multipliers, bool | np.bool_):
-            raise ValueError(f"raw_multipliers should be True or False; found {self.raw_multipliers!r}")
         for name in ("step_size", "restoration_rate", "slack_fraction", "ridge"):
             require_nonnegative(name, getattr(self, name))
         if self.slack_fraction > 1:
@@ -110,9 +102,7 @@ class StepSettings(ReadOnlyArrays):
         require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
         if self.radius is not None:
             require_positive("radius", self.radius)
-        for name in _NUMBERS:
-            if isinstance(getattr(self, name), np.ndarray):  # of no axes; steps compare and hash by their numbers
-                object.__setattr__(self, name, getattr(self, name)[()])
+        super().__post_init__()
 
     def _check_rates(self) -> None:
         """Of a restoration inside the tangent problem, whose bounds are rates over α₁."""
@@ -153,9 +143,3 @@ class StepSettings(ReadOnlyArrays):
         """What `direct_step.move` takes, after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
         needs_more = self.rule is not violated or self.metric is not None or is_long(m, n)
         return None if needs_more else self._direct
-
-    @cached_property
-    def _whitening(self) -> Whitening | None:
-        """L of M = LLᵀ; None where M = I or a function."""
-        M = self.metric
-        return None if M is None or callable(M) else validated_metric(M, len(M))[1]  # type: ignore[arg-type]
