@@ -20,14 +20,7 @@ from .arrays import ArrayLike, Bool, Float, Jacobian, Mask, Multipliers, Number,
 from .direction import Direction, Status
 from .metric import Whitening, validated_metric
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
-from .validation import (
-    ReadOnlyArrays,
-    freeze,
-    read_only,
-    real_values,
-    require_positive,
-    require_shape,
-)
+from .validation import ReadOnlyArrays, freeze, read_only, real_values, require_positive, require_shape
 from .vectors import REPRESENTABLE, ArrayVectors, Vectors, is_long
 
 _Kind = TypeVar("_Kind")

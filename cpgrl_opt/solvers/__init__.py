@@ -16,14 +16,7 @@ from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
 from .infeasibility import infeasible_direction
-from .interface import (
-    DirectionSolver,
-    ask,
-    refereed,
-    solve_stacked,
-    unsupported,
-    vouch_for,
-)
+from .interface import DirectionSolver, ask, refereed, solve_stacked, unsupported, vouch_for
 from .nnls import NNLS
 from .osqp import OSQP
 from .packages import MissingPackageError, UnusablePackageError, has_package, import_failure
