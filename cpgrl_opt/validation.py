@@ -17,27 +17,23 @@ def real_values(name: str, values: ArrayLike) -> NDArray[np.float64]:
 def real_array(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.float64]:
     """A read-only, C-contiguous float64 copy of `values` with `ndim` axes (None: any) and no NaN."""
     array = np.array(_as_real_array(name, values), dtype=np.float64, order="C", copy=True)
-    if ndim is not None and array.ndim != ndim:
-        raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
+    _require_axes(name, array, ndim)
     if np.isnan(array).any():
         raise ValueError(f"{name} should have no NaN; found {int(np.isnan(array).sum())} of {array.size}")
-    array.flags.writeable = False
-    return array
+    return freeze(array)
 
 
 def finite_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """`real_array` without infinities."""
     array = real_array(name, values, ndim)
-    if not is_finite(array):
-        raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)][0]}")
+    require_finite(name, array)
     return array
 
 
 def real_view(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """A read-only float64 array, not copied if it is one: writes to `values` are seen. NaN is not looked for."""
     array = real_values(name, values)
-    if array.ndim != ndim:
-        raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
+    _require_axes(name, array, ndim)
     return read_only(array)
 
 
@@ -49,9 +45,7 @@ def require_finite(name: str, array: NDArray[np.float64]) -> None:
 
 def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
     """A read-only, C-contiguous copy of booleans."""
-    array = np.array(boolean_array(name, values), order="C")
-    array.flags.writeable = False
-    return array
+    return freeze(np.array(boolean_array(name, values), order="C"))
 
 
 def boolean_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
@@ -90,6 +84,11 @@ def is_finite(array: NDArray[np.float64]) -> bool:
     if array.ndim == 2 and not array.flags.c_contiguous:  # of which `vdot` would make a copy
         return is_finite(array.T) if array.flags.f_contiguous else all(map(is_finite, array))
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
+
+
+def _require_axes(name: str, array: NDArray[Any], ndim: int | None) -> None:
+    if ndim is not None and array.ndim != ndim:
+        raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
 
 
 def require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:

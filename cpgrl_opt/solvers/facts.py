@@ -13,57 +13,34 @@ _LEAST_IN_SINGLE = 4 * 2.0**-23  # rounding d to float32 leaves half an eps of e
 
 
 class Facts:
-    """The facts of one solver; what it does not declare has the value that a plain cone solver would give."""
+    """The facts of one solver; what it does not declare has the value that a plain cone solver would give.
+
+    is_single: whether it computes in float32, dtype = "float32"; takes_geometry: whether it takes problems with a
+    metric or a radius; finds_infeasible: whether it calls INFEASIBLE what is; has_batch: whether it has a `solve_batch`
+    of its own; declines_by_itself: whether that calls UNSUPPORTED what `supports` does not take; packages: its
+    `package` and what else it stands on in `also_needs`, nothing for a solver that names none.
+    """
 
     def __init__(self, solver: Any) -> None:
         self.solver = solver
+        self.is_single = is_single(getattr(solver, "dtype", None))
+        self.takes_geometry = bool(getattr(solver, "takes_geometry", False))
+        self.finds_infeasible = bool(getattr(solver, "finds_infeasible", True))
+        self.has_batch = getattr(solver, "solve_batch", None) is not None
+        self.declines_by_itself = self.has_batch and bool(getattr(solver, "declines_by_itself", False))
+        named = (getattr(solver, "package", None), *getattr(solver, "also_needs", ()))
+        self.packages = named if named[0] is not None else ()
 
     @property
     def tolerance(self) -> float:
-        """The worst KKT residual that the solver allows an OPTIMAL answer; ValueError unless in (0, 1e-3].
-
-        At least 4 eps of float32 where the solver says that it computes in it.
-        """
-        declared = self._declared("tolerance", DEFAULT_TOLERANCE)
-        require_tolerance(declared)
-        return max(float(declared), _LEAST_IN_SINGLE) if self.is_single else float(declared)
-
-    @property
-    def is_single(self) -> bool:
-        """Whether it computes in float32: dtype = "float32"."""
-        return is_single(self._declared("dtype", None))
-
-    @property
-    def takes_geometry(self) -> bool:
-        """Whether it takes problems with a metric or a radius."""
-        return bool(self._declared("takes_geometry", False))
-
-    @property
-    def finds_infeasible(self) -> bool:
-        """Whether it calls INFEASIBLE what is; it does unless it says `finds_infeasible = False`."""
-        return bool(self._declared("finds_infeasible", True))
-
-    @property
-    def declines_by_itself(self) -> bool:
-        """Whether its `solve_batch` calls UNSUPPORTED what `supports` does not take."""
-        return self.has_batch and bool(self._declared("declines_by_itself", False))
-
-    @property
-    def has_batch(self) -> bool:
-        """Whether it has a `solve_batch` of its own."""
-        return self._declared("solve_batch", None) is not None
+        """`tolerance_of` the solver."""
+        return tolerance_of(self.solver)
 
     @property
     def has_warm_start(self) -> bool:
         """Whether it has a `session` with a setting warm_start."""
-        session = self._declared("session", None)
+        session = getattr(self.solver, "session", None)
         return session is not None and "warm_start" in signature(session).parameters
-
-    @property
-    def packages(self) -> tuple[str, ...]:
-        """Its `package` and what else it stands on in `also_needs`; nothing for a solver that names none."""
-        package = self._declared("package", None)
-        return () if package is None else (package, *self._declared("also_needs", ()))
 
     def supports(self, problem: DirectionProblem) -> bool:
         """Whether it takes this problem; one that declares nothing takes equalities, the cone and bounds.
@@ -73,14 +50,11 @@ class Facts:
         """
         if (problem.metric is not None or problem.radius is not None) and not self.takes_geometry:
             return False
-        declared = self._declared("supports", None)
+        declared = getattr(self.solver, "supports", None)
         found = True if declared is None else declared(problem)
         if not isinstance(found, bool | np.bool_):
             raise ValueError(f"supports should return True or False; found {found!r}, from {self.solver!r}")
         return bool(found)
-
-    def _declared(self, name: str, otherwise: Any) -> Any:
-        return getattr(self.solver, name, otherwise)
 
 
 def facts_of(solver: Any) -> Facts:
@@ -89,8 +63,13 @@ def facts_of(solver: Any) -> Facts:
 
 
 def tolerance_of(solver: Any) -> float:
-    """`facts_of(solver).tolerance`."""
-    return Facts(solver).tolerance
+    """The worst KKT residual that the solver allows an OPTIMAL answer; ValueError unless in (0, 1e-3].
+
+    At least 4 eps of float32 where the solver says that it computes in it.
+    """
+    declared = getattr(solver, "tolerance", DEFAULT_TOLERANCE)
+    require_tolerance(declared)
+    return max(float(declared), _LEAST_IN_SINGLE if is_single(getattr(solver, "dtype", None)) else 0.0)
 
 
 def supports(solver: Any, problem: DirectionProblem) -> bool:

@@ -6,9 +6,8 @@ Warnings and standard output belong to the process. To switch them off for one c
 them changed, for the other threads. So each library is asked in a way in which it has nothing to say.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -195,16 +194,3 @@ def _answer(
     multipliers = np.zeros(len(order))
     multipliers[order] = np.where(small.equality[order], -1.0, 1.0) * duals
     return SmallAnswer(point, multipliers, iterations, failure)
-
-
-LIBRARY_CALLS: Mapping[str, Callable[[SmallProblem, dict[str, Any]], SmallAnswer]] = MappingProxyType(
-    {
-        "quadprog": call_quadprog,
-        "daqp": partial(call_through_qpsolvers, "daqp"),
-        "piqp": partial(call_through_qpsolvers, "piqp"),
-        "proxqp": partial(call_through_qpsolvers, "proxqp"),
-        "clarabel": call_clarabel,
-        "highs": call_highs,
-        "scs": call_scs,
-    }
-)

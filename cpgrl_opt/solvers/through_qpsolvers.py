@@ -3,13 +3,14 @@
 min ½xᵀx − cᵀx   s.t.   −A_I x ≤ −b_I,   A_E x = b_E
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from .base import SmallSolver
-from .library_calls import LIBRARY_CALLS
+from .library_calls import call_clarabel, call_highs, call_quadprog, call_scs, call_through_qpsolvers
 from .small_problem import SmallAnswer, SmallProblem
 
 
@@ -18,7 +19,8 @@ class BackEnd:
     """Where one back end comes from, and which of its options keep it in bounds.
 
     accuracy: its tolerances in units of ours, none of them below `least`; limits: its names for the limits of
-    iterations and of seconds, as far as it has them; others: options that never change; iterations: their usual limit.
+    iterations and of seconds, as far as it has them; others: options that never change; iterations: their usual limit;
+    call: what asks the library, None: qpsolvers does.
     """
 
     package: str
@@ -28,6 +30,7 @@ class BackEnd:
     limits: tuple[str, ...]
     others: Mapping[str, Any]
     iterations: int
+    call: Callable[[SmallProblem, dict[str, Any]], SmallAnswer] | None = None
     least: float = 0.0
     extra: str = "solvers"
 
@@ -41,7 +44,7 @@ _DUAL, _INTERIOR = "dual active set, certified or UNCERTIFIED", "interior point,
 
 BACK_ENDS: Mapping[str, BackEnd] = MappingProxyType(
     {
-        "quadprog": BackEnd("quadprog", "Goldfarb & Idnani 1983", _DUAL, {}, (), {}, 0, extra="gpl"),
+        "quadprog": BackEnd("quadprog", "Goldfarb & Idnani 1983", _DUAL, {}, (), {}, 0, call_quadprog, extra="gpl"),
         "daqp": BackEnd(
             "daqp", "Arnström et al. 2022", _DUAL,
             {"primal_tol": 1e-3, "dual_tol": 1e-3}, ("iter_limit", "time_limit"),
@@ -60,13 +63,13 @@ BACK_ENDS: Mapping[str, BackEnd] = MappingProxyType(
         "clarabel": BackEnd(
             "clarabel", "Goulart & Chen 2024", _INTERIOR,
             {"tol_feas": 1e-2, "tol_gap_abs": 1e-2, "tol_gap_rel": 1e-2}, ("max_iter", "time_limit"),
-            {"max_threads": 1}, 200,
+            {"max_threads": 1}, 200, call_clarabel,
         ),
         "highs": BackEnd(
             "highspy", "Huangfu & Hall 2018", "primal active set, polished",
             {"primal_feasibility_tolerance": 1e-2, "dual_feasibility_tolerance": 1e-2},
             ("qp_iteration_limit", "time_limit"),
-            {"qp_regularization_value": 0.0, "threads": 1}, 1000, least=1e-10,  # it takes no less
+            {"qp_regularization_value": 0.0, "threads": 1}, 1000, call_highs, least=1e-10,  # it takes no less
         ),
         # Where τ of its embedding sinks to 0 in a long run, SCS prints "ERROR: could not determine problem status",
         # and no option forbids it. With one metric throughout and no extrapolation the iteration is nonexpansive and
@@ -75,7 +78,7 @@ BACK_ENDS: Mapping[str, BackEnd] = MappingProxyType(
             "scs", "O'Donoghue 2021", "first order (ADMM), polished",
             {"eps_abs": 1e-1}, ("max_iters", "time_limit_secs"),
             {"eps_rel": 0.0, "eps_infeas": 1e-9, "adaptive_scale": False, "acceleration_lookback": 0, "scale": 10.0},
-            20000,
+            20000, call_scs,
         ),
     }
 )  # fmt: skip
@@ -131,4 +134,5 @@ class QPSolversBackend(SmallSolver):
         back_end = BACK_ENDS[self.name]
         limit = back_end.iterations if self.iteration_limit is None else self.iteration_limit
         options = {**back_end.options(self.tolerance, limit, self.time_limit), **self.options}
-        return LIBRARY_CALLS[self.name](small, options)
+        call = back_end.call or partial(call_through_qpsolvers, self.name)
+        return call(small, options)
