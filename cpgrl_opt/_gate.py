@@ -82,12 +82,13 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
         vectors = kind_of(gradient, jacobian)
         if vectors is not None:
             return vectors
+    jacobian = [*map(_in_memory, jacobian)] if isinstance(jacobian, list | tuple) else _in_memory(jacobian)
     if type(jacobian) is np.ndarray:
         if jacobian.ndim != 2 or not is_long(*jacobian.shape):
             return None
         rows: Any = real_view("jacobian", jacobian, 2)
     else:
-        if not isinstance(jacobian, list | tuple) or not all(map(_is_vector, jacobian)):
+        if not isinstance(jacobian, list) or not all(map(_is_vector, jacobian)):
             return None
         rows = tuple(map(read_only, jacobian))
         if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
@@ -110,6 +111,11 @@ def metric_of_rows(vectors: Vectors, metric: Any) -> Any:
         return lambda row: vectors.row_of(metric(vectors.unrounded(row)), "what metric returns")
     is_matrix = hasattr(metric, "ndim") and metric.ndim == 2 and vectors.shape[1] == len(metric)
     return metric if is_matrix else vectors.row_of(metric, "metric")
+
+
+def _in_memory(value: Any) -> Any:
+    """A file that is mapped into memory as the array that it is."""
+    return value.view(np.ndarray) if type(value) is np.memmap else value
 
 
 def _is_vector(row: object) -> bool:

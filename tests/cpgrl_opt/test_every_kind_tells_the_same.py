@@ -179,3 +179,11 @@ def test_on_the_families_of_the_kit(kind: str) -> None:
         require_the_same(kind, problem)
 
     check()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_rows_and_with_more_rows_than_parameters(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    for m, n in ((0, 1), (0, 7), (1, 1), (6, 3), (9, 2)):
+        g, J = rng.integers(-9, 10, n) / 8.0, rng.integers(-9, 10, (m, n)) / 8.0
+        require_the_same(kind, DirectionProblem(g, J))

@@ -229,14 +229,20 @@ def test_problems_and_linearizations_are_pickled_in_their_form() -> None:
     np.testing.assert_array_equal(again.gradients, arguments["jacobian"])
 
 
-def test_memory_mapped_arrays_are_read_where_they_lie(tmp_path: Any) -> None:
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_memory_mapped_arrays_are_read_where_they_lie(tmp_path: Any, dtype: Any) -> None:
     arguments = draw(0, LONG)
-    np.save(tmp_path / "rows.npy", arguments["jacobian"].astype(np.float32))
-    rows = np.load(tmp_path / "rows.npy", mmap_mode="r")
-    problem = DirectionProblem(arguments["gradient"].astype(np.float32), rows, arguments["bound"])
+    for name in ("gradient", "jacobian"):
+        np.save(tmp_path / f"{name}.npy", arguments[name].astype(dtype))
+    g, J = (np.load(tmp_path / f"{name}.npy", mmap_mode="r") for name in ("gradient", "jacobian"))
     expected = ACTIVE_SET.solve(DirectionProblem(**arguments)).value
-    np.testing.assert_allclose(problem.row_of(ACTIVE_SET.solve(problem).value), expected, atol=1e-5)
-    assert np.shares_memory(problem.vectors.leaves[0][1], rows)
+    for rows in (J, list(J)):
+        problem = DirectionProblem(g, rows, arguments["bound"])
+        found = problem.row_of(ACTIVE_SET.solve(problem).value)
+        np.testing.assert_allclose(found, expected, atol=1e-5 if dtype is np.float32 else 0.0)
+        own_g, own_rows = problem.vectors.leaves[0]
+        assert np.shares_memory(own_g, g)
+        assert all(map(np.shares_memory, own_rows, rows))
 
 
 ONE = {"a": np.ones(2)}
