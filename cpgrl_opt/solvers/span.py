@@ -17,7 +17,7 @@ from ..direction import Direction, Status
 from ..problem import DirectionProblem, in_form, nothing
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
-from ..vectors import is_long
+from ..vectors import REPRESENTABLE, is_long
 from .gramian_core import solve_by_gramian
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
@@ -51,7 +51,7 @@ def solve_in_span(
                 value, certificate = vectors.combine(weights, multipliers, kappa)
                 residuals = certified_residuals(certificate, problem, multipliers, small.lengths, kappa)
                 worst = residuals.worst
-                if not problem.is_representable(value):
+                if certificate.length**2 > REPRESENTABLE and not problem.is_representable(value):
                     continue
                 left = replace(found, value=value, multipliers=multipliers, status=Status.UNCERTIFIED, residuals=None)
                 if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):

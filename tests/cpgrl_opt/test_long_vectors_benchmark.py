@@ -45,13 +45,31 @@ def test_it_runs_tiny_and_writes_its_files(
 
 
 def test_the_one_of_memory_runs_tiny(
-    load_benchmark: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    load_benchmark: Callable[[str], ModuleType],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     benchmark = load_benchmark("long_memory")
-    arguments = ["--parameters", "60000", "--constraints", "5", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", ["long_memory.py", *arguments])
+    monkeypatch.setattr(benchmark.importlib.util, "find_spec", lambda _: None)
+    arguments = ["--parameters", "60000", "--constraints", "5", "--kinds", "float64,tree,tensor tree"]
+    monkeypatch.setattr(sys, "argv", ["long_memory.py", *arguments, "--out", str(tmp_path)])
     benchmark.main()
+    assert "SKIP torch: not installed" in capsys.readouterr().out
     with (tmp_path / "long_memory.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [(row["m"], row["rung"]) for row in rows] == [("5", "gramian"), ("5", "pairs")]
-    assert "| pairs |" in (tmp_path / "long_memory.md").read_text(encoding="utf-8")
+    assert [(row["kind"], row["m"], row["rung"]) for row in rows] == [
+        (kind, "5", rung) for kind in ("float64", "tree") for rung in ("gramian", "pairs")
+    ]
+    assert "| tree | 6e+04 | 5 | pairs |" in (tmp_path / "long_memory.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("kind", ["tensor float32", "tensor bfloat16", "tensor tree"])
+def test_the_one_of_memory_takes_tensors(
+    load_benchmark: Callable[[str], ModuleType], kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch")
+    benchmark = load_benchmark("long_memory")
+    monkeypatch.setattr(_numpy, "LEAST_PRODUCTS", 0)
+    found = benchmark.memory_here(kind, 3000, 2, "gramian")
+    assert (found.kind, found.rung, found.bar) == (kind, "gramian", 1 / 3 + benchmark.SLACK)
