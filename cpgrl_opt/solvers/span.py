@@ -31,14 +31,13 @@ def solve_in_span(
     solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
     then the usual problem needs no coordinates.
     """
-    vectors, on = problem.vectors, problem.bound > -inf
+    vectors = problem.vectors
     is_short = problem.is_tree and vectors.has_rows and not is_long(*vectors.shape)  # a short tree is a short problem
-    rungs, left = () if is_short else RUNGS, None
-    if is_exact and "gramian" in rungs:
-        usual = solve_by_gramian(problem, tolerance)
-        if usual is not None:
-            return usual
-    for rung in rungs:
+    usual = solve_by_gramian(problem, tolerance) if is_exact and not is_short else None
+    if usual is not None:
+        return usual
+    left, on = None, problem.bound > -inf
+    for rung in () if is_short else RUNGS:
         small = coordinates(vectors, on, rung)
         if small is None:
             continue

@@ -34,7 +34,7 @@ def detach(tensor: Any) -> Any:
         raise ValueError(
             f"tensors should be dense and on a device that has float64; found {tensor.layout} on {tensor.device}"
         )
-    return tensor.detach()
+    return tensor.detach() if tensor.requires_grad else tensor
 
 
 def is_float(tensor: Any) -> bool:
@@ -46,7 +46,8 @@ def is_float(tensor: Any) -> bool:
 def as_array(tensor: Any) -> np.ndarray:
     """What NumPy sees of a tensor on the CPU, without a copy; of bfloat16 its bits."""
     torch, tensor = _torch(), detach(tensor)
-    return np.asarray((tensor.view(torch.uint16) if tensor.dtype == torch.bfloat16 else tensor).numpy())
+    array: np.ndarray = (tensor.view(torch.uint16) if tensor.dtype == torch.bfloat16 else tensor).numpy()
+    return array
 
 
 def as_tensor(part: np.ndarray, like: Any) -> Any:

@@ -245,6 +245,8 @@ def _library(leaf: Any) -> str:
 
 def _require_library(name: str, path: Path, leaf: Any, like: Any) -> None:
     """ValueError for a leaf of another library or device than g's."""
+    if type(leaf) is type(like) and leaf.device == like.device:
+        return
     found, wanted = _library(leaf), _library(like)
     if found != wanted:
         raise ValueError(f"{_named(name, path)} should be of {wanted} as gradient is; found {found}")
@@ -252,8 +254,7 @@ def _require_library(name: str, path: Path, leaf: Any, like: Any) -> None:
 
 def _require_dtype(name: str, path: Path, leaf: Any, like: Any) -> None:
     """ValueError for a row of another library, device or dtype than g's part."""
-    if type(leaf) is not np.ndarray or type(like) is not np.ndarray:
-        _require_library(name, path, leaf, like)
+    _require_library(name, path, leaf, like)
     if leaf.dtype != like.dtype:
         raise ValueError(f"{_named(name, path)} should be of {like.dtype} as gradient is there; found {leaf.dtype}")
 
