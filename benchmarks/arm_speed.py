@@ -17,16 +17,15 @@ The arm's episodes end by chance, so contenders differ in length of episode as w
 """
 
 import argparse
-import csv
-import platform
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
+from tables import machine, table, write
 
 from cpgrl_opt.solvers import compile_kernels
 from envs import TwoLinkArm
@@ -123,28 +122,16 @@ def timed(method: str, run: Callable[[int, int], Iterator[Estimate]], runs: int,
     )
 
 
-def table(rows: list[Row]) -> str:
-    """Markdown."""
-    lines = [
-        "| | M steps/s | µs/step | × goal | steps/episode | ms/episode of all runs | runs × episodes |",
-        "|---|--:|--:|--:|--:|--:|--:|",
-    ]
-    lines += [
-        f"| {r.method} | {r.million_steps_per_second:.3g} | {r.microseconds_per_step:.3g} | {r.ratio_to_goal:.2g} | "
-        f"{r.steps_per_episode:.0f} | {r.milliseconds_per_episode:.2f} | {r.runs} × {r.episodes} |"
-        for r in rows
-    ]
-    return "\n".join(lines)
-
-
 def report(rows: list[Row]) -> str:
     """The table with what it was measured on."""
-    import numba
-
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
+    heads = "| | M steps/s | µs/step | × goal | steps/episode | ms/episode of all runs | runs × episodes |"
+    line = (
+        "| {0.method} | {0.million_steps_per_second:.3g} | {0.microseconds_per_step:.3g} | {0.ratio_to_goal:.2g} | "
+        "{0.steps_per_episode:.0f} | {0.milliseconds_per_episode:.2f} | {0.runs} × {0.episodes:d} |"
+    )
     return (
-        f"# Speed on the two-link arm\n\n{table(rows)}\n\nGoal: {GOAL} million steps per second of one core in "
-        f"training. One process on {platform.machine()} {platform.system()}; {versions}; CPU time, best of three. "
+        f"# Speed on the two-link arm\n\n{table(heads, line, rows)}\n\nGoal: {GOAL} million "
+        f"steps per second of one core in training. One process on {machine()}; CPU time, best of three. "
         f"Command: `python benchmarks/arm_speed.py --out benchmarks/results`.\n"
     )
 
@@ -157,13 +144,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = measure(arguments.scale)
     print(report(rows))
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "arm_speed.md").write_text(report(rows), encoding="utf-8")
-        with (arguments.out / "arm_speed.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])))
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+    write("arm_speed", report(rows), rows, arguments.out)
 
 
 if __name__ == "__main__":

@@ -11,17 +11,16 @@ it. Certified: optimal, or infeasible with a proof.
 
 Limitations: one machine; CPU seconds of `solve`, our shared preparation and certificate included, the least of the
 repetitions of each problem, medians over problems. Iterations as each method counts them, 0 where it does not tell.
-cvxpy's session takes warm_start but its CLARABEL has none.
 """
 
 import argparse
-import csv
 import platform
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from tables import table, write
 
 from cpgrl_opt import SOLVERS, Status
 from cpgrl_opt.comparison.recording import SHIPPED, Recording, load_recording, shipped_recording
@@ -88,25 +87,15 @@ def main() -> None:
         parser.error(str(error))
     rows = [row for name, recording in chosen for row in measured(name, recording, arguments.repeats)]
     command = " ".join(["python benchmarks/recorded_sequences.py", *(f"--recording {p}" for p in arguments.recording)])
-    header = list(asdict(rows[0]))
-    lines = ["# Recorded sequences, cold and warm", "", f"`{command}`", ""]
-    lines += [f"| {' | '.join(map(str, cells))} |" for cells in (header, ["---"] * len(header))]
-    lines += [f"| {' | '.join(str(value) for value in asdict(row).values())} |" for row in rows]
-    lines += ["", f"{platform.platform()}, Python {platform.python_version()}, {arguments.repeats} repetitions."]
-    print("\n".join(lines))
+    names = [each.name for each in fields(Row)]
+    heads, line = f"| {' | '.join(names)} |", f"| {' | '.join(f'{{0.{name}}}' for name in names)} |"
+    page = (
+        f"# Recorded sequences, cold and warm\n\n`{command}`\n\n{table(heads, line, rows)}\n\n"
+        f"{platform.platform()}, Python {platform.python_version()}, {arguments.repeats} repetitions.\n"
+    )
+    print(page)
     out = arguments.out or (None if arguments.recording else Path(__file__).with_name("results"))
-    if out is not None:
-        write(rows, lines, out)
-
-
-def write(rows: Sequence[Row], lines: Sequence[str], folder: Path) -> None:
-    """recorded_sequences.csv and .md."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "recorded_sequences.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(map(asdict, rows))
-    (folder / "recorded_sequences.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write("recorded_sequences", page, rows, out)
 
 
 if __name__ == "__main__":

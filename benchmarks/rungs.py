@@ -10,12 +10,12 @@ Limitations: families of few parameters, most of which do not determine a direct
 """
 
 import argparse
-import csv
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tables import table, write
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
 from cpgrl_opt.comparison.families import FAMILIES, ProblemFamily
@@ -65,16 +65,13 @@ def measure(family: ProblemFamily, count: int, seed: int) -> Row:
 
 def page(rows: list[Row], seed: int) -> str:
     """The table, a line a family."""
-    lines = [
-        f"Made by `python benchmarks/rungs.py`, seed {seed}. Rungs: `docs/architecture.md`.",
-        "",
-        "| family | problems | gramian | pairs | rows | other status | apart |",
-        "|---|--:|--:|--:|--:|--:|--:|",
-    ]
-    for row in rows:
-        *counts, apart = list(asdict(row).values())[1:]
-        lines.append(f"| {row.family} | {' | '.join(map(str, counts))} | {apart:.0e} |")
-    return "\n".join([*lines, ""])
+    heads = "| family | problems | gramian | pairs | rows | other status | apart |"
+    counts = "{0.problems:d} | {0.gramian:d} | {0.pairs:d} | {0.rows:d} | {0.other_status:d}"
+    line = f"| {{0.family}} | {counts} | {{0.apart:.0e}} |"
+    return (
+        f"Made by `python benchmarks/rungs.py`, seed {seed}. Rungs: `docs/architecture.md`.\n\n"
+        f"{table(heads, line, rows)}\n"
+    )
 
 
 def euclidean() -> list[str]:
@@ -94,12 +91,7 @@ def main() -> None:
     rows = [measure(FAMILIES[name], arguments.problems, arguments.seed) for name in arguments.families]
     text = page(rows, arguments.seed)
     print(text)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "rungs.md").write_text(text, encoding="utf-8")
-    with (arguments.out / "rungs.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
+    write("rungs", text, rows, arguments.out)
 
 
 if __name__ == "__main__":

@@ -13,18 +13,17 @@ CPU seconds, contenders in turns, medians. Limitations: one shape, rows well apa
 """
 
 import argparse
-import csv
-import platform
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from qpsolvers import solve_qp
+from tables import machine, table, write
 
 from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, ProblemBatch, Status
 from cpgrl_opt.solvers import compile_kernels
@@ -44,6 +43,11 @@ class Row:
     ratio: float
     bar: float
     failed: int
+
+    @property
+    def verdict(self) -> str:
+        """Of the bar."""
+        return "kept" if self.ratio <= self.bar else "missed"
 
 
 def batched_rosen(g: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -101,22 +105,16 @@ def measure_batch(repetitions: int, count: int) -> Row:
 
 def page(rows: list[Row]) -> str:
     """The table."""
-    lines = [
-        f"# Problems of ({N}, {M})",
-        "",
-        "| work | µs | beside it | µs | ratio | bar | |",
-        "|---|--:|---|--:|--:|--:|---|",
-    ]
-    for row in rows:
-        verdict = "kept" if row.ratio <= row.bar else "missed"
-        lines.append(
-            f"| {row.work} | {row.microseconds:.3g} | {row.beside} | {row.beside_microseconds:.3g} | {row.ratio:.2f} | "
-            f"≤ {row.bar:.2f} | {verdict} |"
-        )
-    failed = sum(row.failed for row in rows)
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}"
-    note = f"CPU time, medians, in turns; of a batch a problem's. Failures: {failed}. {platform.machine()}; {versions}."
-    return "\n".join([*lines, "", f"{note} Command: `OMP_NUM_THREADS=1 python benchmarks/small_problems.py`.", ""])
+    heads = "| work | µs | beside it | µs | ratio | bar | |"
+    line = (
+        "| {0.work} | {0.microseconds:.3g} | {0.beside} | {0.beside_microseconds:.3g} | {0.ratio:.2f} | "
+        "≤ {0.bar:.2f} | {0.verdict} |"
+    )
+    return (
+        f"# Problems of ({N}, {M})\n\n{table(heads, line, rows)}\n\nCPU time, medians, in turns; of a batch a "
+        f"problem's. Failures: {sum(row.failed for row in rows)}. {machine()}. "
+        "Command: `OMP_NUM_THREADS=1 python benchmarks/small_problems.py`.\n"
+    )
 
 
 def main() -> None:
@@ -129,12 +127,7 @@ def main() -> None:
     compile_kernels()
     rows = [*measure_one(arguments.repetitions), measure_batch(max(arguments.repetitions // 5, 1), arguments.batch)]
     print(page(rows))
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "small_problems.md").write_text(page(rows), encoding="utf-8")
-    with (arguments.out / "small_problems.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
+    write("small_problems", page(rows), rows, arguments.out)
 
 
 if __name__ == "__main__":

@@ -13,17 +13,17 @@ best and the median. Files are in the system's cache, since the process before h
 """
 
 import argparse
-import csv
 import os
-import platform
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
+
+from tables import machine, table, write
 
 SOLVE = """
 from cpgrl_opt import SOLVERS, DirectionProblem
@@ -54,6 +54,7 @@ from numba import njit
 def first(x):
     return x[0]
 """
+LINE = "| {0.what} | {0.cache} | {0.goal:.3g} | {0.best:.2f} | {0.median:.2f} | {0.cpu:.2f} | {0.repeats:d} |"
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def pair(
             wall, cpu = zip(*times, strict=True)
             numbers = (round(number, 2) for number in (min(wall), statistics.median(wall), min(cpu)))
             rows.append(Row(what, name, goal, *numbers, len(times)))
-            print(row_of(rows[-1]), flush=True)
+            print(LINE.format(rows[-1]), flush=True)
     return rows
 
 
@@ -127,27 +128,13 @@ def path(folder: Path) -> str:
     return os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH", "")])])
 
 
-def row_of(row: Row) -> str:
-    """A line of the table."""
-    goal = f"{row.goal:.3g}" if row.goal else ""
-    return f"| {row.what} | {row.cache} | {goal} | {row.best:.2f} | {row.median:.2f} | {row.cpu:.2f} | {row.repeats} |"
-
-
 def page(rows: Sequence[Row]) -> str:
     """The table with what it was measured on."""
-    import numba
-
-    versions = f"Python {platform.python_version()}, numba {numba.__version__}"
-    return "\n".join(
-        [
-            "# New processes, cold and warm\n",
-            "Wall seconds of a whole process, and CPU seconds (best). "
-            "Command: `python benchmarks/startup.py --out benchmarks/results`.\n",
-            "| process | numba's cache | goal | best | median | CPU | of |",
-            "|---|---|--:|--:|--:|--:|--:|",
-            *map(row_of, rows),
-            f"\n{os.cpu_count()} cores, {platform.machine()} {platform.system()}; {versions}.\n",
-        ]
+    heads = "| process | numba's cache | goal (0: none) | best | median | CPU | of |"
+    return (
+        "# New processes, cold and warm\n\nWall seconds of a whole process, and CPU seconds (best). "
+        "Command: `python benchmarks/startup.py --out benchmarks/results`.\n\n"
+        f"{table(heads, LINE, rows)}\n\n{os.cpu_count()} cores, {machine()}.\n"
     )
 
 
@@ -160,13 +147,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         rows = measure(arguments.repeats, Path(folder), commands=not arguments.without_commands)
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "startup.md").write_text(page(rows), encoding="utf-8")
-        with (arguments.out / "startup.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([each.name for each in fields(Row)])
-            writer.writerows(astuple(row) for row in rows)
+    write("startup", page(rows), rows, arguments.out)
 
 
 if __name__ == "__main__":

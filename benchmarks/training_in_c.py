@@ -15,20 +15,19 @@ seconds, repetitions taken in turns; ratios are within a repetition, their media
 """
 
 import argparse
-import csv
 import ctypes
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tables import machine, table, write
 
 from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.solvers import compile_kernels
@@ -121,26 +120,17 @@ def measure(episodes: int = 10_000, repetitions: int = 15) -> list[Row]:
 
 def report(rows: list[Row], episodes: int) -> str:
     """The table with what it was measured on."""
-    import numba
-
     compiler = subprocess.run([os.environ.get("CC", "cc"), "--version"], check=True, capture_output=True, text=True)
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
-    lines = [
-        f"| {row.method} | {row.million_steps_per_second:.3g} | {row.median_million_steps_per_second:.3g} | "
-        f"{row.microseconds_per_update:.3g} | {row.our_rate_as_a_share:.2f} | {row.farthest_theta:.1g} |"
-        for row in rows
-    ]
-    return "\n".join(
-        [
-            "# Training beside straight C\n",
-            "| | M steps/s | median | µs/update | our rate, as a share of it | θ differs by |",
-            "|---|--:|--:|--:|--:|--:|",
-            *lines,
-            f"\nThree-state MDP, {RUNS} runs × {STEPS} steps an update, {episodes} updates. One process on "
-            f"{platform.machine()} {platform.system()}; {versions}; {compiler.stdout.splitlines()[0]}. CPU time, best "
-            "and median of repetitions taken in turns. "
-            f"Command: `python benchmarks/training_in_c.py --episodes {episodes} --out benchmarks/results`.\n",
-        ]
+    heads = "| | M steps/s | median | µs/update | our rate, as a share of it | θ differs by |"
+    line = (
+        "| {0.method} | {0.million_steps_per_second:.3g} | {0.median_million_steps_per_second:.3g} | "
+        "{0.microseconds_per_update:.3g} | {0.our_rate_as_a_share:.2f} | {0.farthest_theta:.1g} |"
+    )
+    return (
+        f"# Training beside straight C\n\n{table(heads, line, rows)}\n\nThree-state MDP, {RUNS} "
+        f"runs × {STEPS} steps an update, {episodes} updates. One process on {machine()}; "
+        f"{compiler.stdout.splitlines()[0]}. CPU time, best and median of repetitions taken in turns. "
+        f"Command: `python benchmarks/training_in_c.py --episodes {episodes} --out benchmarks/results`.\n"
     )
 
 
@@ -153,13 +143,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = measure(arguments.episodes, arguments.repetitions)
     print(report(rows, arguments.episodes))
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "training_in_c.md").write_text(report(rows, arguments.episodes), encoding="utf-8")
-        with (arguments.out / "training_in_c.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])))
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+    write("training_in_c", report(rows, arguments.episodes), rows, arguments.out)
 
 
 if __name__ == "__main__":

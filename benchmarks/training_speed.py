@@ -19,15 +19,14 @@ and their median beside it.
 """
 
 import argparse
-import csv
-import platform
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tables import machine, table, write
 
 from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.solvers import compile_kernels
@@ -184,30 +183,17 @@ def scaled(episodes: int, scale: float) -> int:
     return max(int(episodes * scale), 1)
 
 
-def table(rows: list[Row]) -> str:
-    """Markdown."""
-    lines = [
-        "| | M steps/s | median | µs/step | full size | × academic | runs × episodes | g¹ | least slack |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    for r in rows:
-        full = f"{r.full_size_seconds / 60:.1f} min" if r.full_size_seconds > 120 else f"{r.full_size_seconds:.1f} s"
-        lines.append(
-            f"| {r.method} | {r.million_steps_per_second:.3g} | {r.median_million_steps_per_second:.3g} | "
-            f"{r.microseconds_per_step:.3g} | {full} | "
-            f"{r.ratio_to_academic:.3g} | {r.runs} × {r.episodes} | {r.g1:.2f} | {r.least_slack:.3f} |"
-        )
-    return "\n".join(lines)
-
-
 def report(rows: list[Row], scale: float) -> str:
     """The table with what it was measured on."""
-    import numba
-
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
+    heads = "| | M steps/s | median | µs/step | full size, s | × academic | runs × episodes | g¹ | least slack |"
+    line = (
+        "| {0.method} | {0.million_steps_per_second:.3g} | {0.median_million_steps_per_second:.3g} | "
+        "{0.microseconds_per_step:.3g} | {0.full_size_seconds:.1f} | {0.ratio_to_academic:.3g} | {0.runs} × "
+        "{0.episodes:d} | {0.g1:.2f} | {0.least_slack:.3f} |"
+    )
     return (
-        f"# Training speed\n\n{table(rows)}\n\nFull size, 20 runs × 10000 episodes × 100 steps a method, is "
-        f"extrapolated from the steps measured. One process on {platform.machine()} {platform.system()}; {versions}; "
+        f"# Training speed\n\n{table(heads, line, rows)}\n\nFull size, 20 runs × 10000 "
+        f"episodes × 100 steps a method, is extrapolated from the steps measured. One process on {machine()}; "
         "CPU time, best of nine; their median beside it. "
         f"Command: `python benchmarks/training_speed.py --scale {scale:g} --out benchmarks/results`.\n"
     )
@@ -223,13 +209,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = measure(arguments.scale)
     print(report(rows, arguments.scale))
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "training_speed.md").write_text(report(rows, arguments.scale), encoding="utf-8")
-        with (arguments.out / "training_speed.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])))
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+    write("training_speed", report(rows, arguments.scale), rows, arguments.out)
 
 
 if __name__ == "__main__":

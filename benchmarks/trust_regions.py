@@ -14,13 +14,13 @@ Limitations: n ≤ 9, m ≤ 5; numbers of at most 50 bits. Exit status 1 if a so
 """
 
 import argparse
-import csv
 import sys
 import zlib
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tables import table, write
 from trust_region_judge import EPS, ERRORS, allowance, complaint, distance
 from trust_region_problems import FAMILIES
 
@@ -109,39 +109,22 @@ def main() -> None:
                 f" {row.complaint} {row.problem}",
                 flush=True,
             )
-    if arguments.out is not None:
-        write(rows, arguments.count, arguments.out)
+    write("trust_regions", page(rows, arguments.count), rows, arguments.out)
     sys.exit(any(row.complaint for row in rows))
 
 
-def write(rows: list[Row], count: int, folder: Path) -> None:
-    """trust_regions.csv and .md."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "trust_regions.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(each.name for each in fields(Row))
-        writer.writerows(astuple(row) for row in rows)
-    cells = (
-        (
-            row.solver,
-            row.family,
-            row.feasible,
-            f"{row.agreed} of {row.taken}",
-            row.declined,
-            f"{row.worst:.2g}",
-            row.complaint,
-        )
-        for row in rows
+def page(rows: list[Row], count: int) -> str:
+    """The table, and how many disagree."""
+    heads = "| solver | family | feasible | agree | declined | worst | smallest disagreement |"
+    line = (
+        "| {0.solver} | {0.family} | {0.feasible:d} | {0.agreed:d} of {0.taken} | {0.declined:d} | {0.worst:.2g} | "
+        "{0.complaint} |"
     )
-    lines = [f"| {' | '.join(map(str, each))} |" for each in cells]
     disagreed = sum(row.taken - row.agreed - row.declined for row in rows)
-    (folder / "trust_regions.md").write_text(
+    return (
         f"# Trust regions against exact arithmetic\n\n`python benchmarks/trust_regions.py --count {count}`: "
         f"{sum(row.taken for row in rows)} problems solved, {disagreed} disagree. Worst: ‖d − d*‖ in units of what the "
-        "problem's conditioning allows.\n\n"
-        "| solver | family | feasible | agree | declined | worst | smallest disagreement |\n"
-        "|---|---|--:|--:|--:|--:|---|\n" + "\n".join(lines) + "\n",
-        encoding="utf-8",
+        f"problem's conditioning allows.\n\n{table(heads, line, rows)}\n"
     )
 
 

@@ -17,13 +17,13 @@ for both formulations, and on the arm a mean over episodes has noise of its own,
 """
 
 import argparse
-import csv
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tables import write
 from violations_figure import write_figure
 from violations_page import page
 
@@ -182,7 +182,7 @@ def measure(name: str, method: str, course: Course) -> list[Row]:
     )
     rows = zip(*columns, strict=True)
     return [
-        Row(name, method, seed, *map(float, row), infeasible=int(course.infeasible[seed]))
+        Row(name, method, seed, *(float(f"{each:.6g}") for each in row), infeasible=int(course.infeasible[seed]))
         for seed, row in enumerate(rows)
     ]
 
@@ -201,15 +201,7 @@ def main() -> None:
     rows = [row for (name, method), course in courses.items() for row in measure(name, method, course)]
     text = page(rows, learned, f"--seeds {arguments.seeds} --scale {arguments.scale:g}")
     print(text)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "violations_on_the_way.md").write_text(text, encoding="utf-8")
-    with (arguments.out / "violations_on_the_way.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(asdict(rows[0])), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(
-            {key: f"{value:.6g}" if isinstance(value, float) else value for key, value in asdict(row).items()}
-            for row in rows
-        )
+    write("violations_on_the_way", text, rows, arguments.out)
     write_figure(courses, arguments.out / "violations_on_the_way.png")
 
 
