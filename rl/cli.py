@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -192,6 +192,10 @@ def three_state(
     out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/three-state"),
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
     jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
+    checkpoint_every: Annotated[
+        float, typer.Option(help="Seconds between two checkpoints: what is lost at most when it is killed.")
+    ] = 10.0,
+    anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or go on where it was stopped.")] = False,
     compare: Annotated[
         bool, typer.Option("--compare", help="Train CPGRL under other solvers, formulations and drop rules too.")
     ] = False,
@@ -201,13 +205,15 @@ def three_state(
 ) -> None:
     """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
     with InterruptsHeld():
+        from .experiments.checkpoints import require_interval
         from .experiments.progress import training_progress
         from .experiments.three_state import METHODS, ThreeStateSettings
         from .experiments.three_state_comparison import ComparisonSettings
-        from .experiments.three_state_reproduction import FILES, remarks, reproduce_three_state
+        from .experiments.three_state_reproduction import FILES, key_of, remarks, reproduce_three_state
 
     with _clean_errors(ValueError):
         processes = _processes(jobs)
+        require_interval(checkpoint_every)
         settings = ThreeStateSettings(
             runs=runs, episodes=episodes, steps=steps, seed=seed,
             solver=solver, formulation=formulation, record_every=record_every, record=record,
@@ -217,8 +223,11 @@ def three_state(
             slow_episodes=compare_episodes,
         )  # fmt: skip
     with _reserved(out):
-        with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
-            done = reproduce_three_state(settings, out, processes=processes, listen=progress.listen)
+        place = _place(out, FILES, key_of(settings), anew=anew)
+        with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, place, out):
+            done = reproduce_three_state(
+                settings, out, processes=processes, listen=progress.listen, checkpoint_every=checkpoint_every
+            )
         if comparison is not None:
             _compare(comparison, out, processes)
         written = [name for name in FILES if (out / name).exists()]
@@ -250,19 +259,25 @@ def arm(
     out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/arm"),
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
     jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
+    checkpoint_every: Annotated[
+        float, typer.Option(help="Seconds between two checkpoints: what is lost at most when it is killed.")
+    ] = 10.0,
+    anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or go on where it was stopped.")] = False,
     compare: Annotated[
         bool, typer.Option("--compare", help="Train (b) and (c) under every formulation too: compare.csv, compare.md.")
     ] = False,
 ) -> None:
     """The two-link arm with and without constraints: §4 of the paper, Fig. 6 and 7."""
     with InterruptsHeld():
+        from .experiments.checkpoints import require_interval
         from .experiments.progress import training_progress
         from .experiments.two_link_arm import ArmSettings
         from .experiments.two_link_arm_comparison import print_comparison
-        from .experiments.two_link_arm_reproduction import FILES, remarks, reproduce_two_link_arm
+        from .experiments.two_link_arm_reproduction import FILES, key_of, remarks, reproduce_two_link_arm
 
     with _clean_errors(ValueError):
         processes = _processes(jobs)
+        require_interval(checkpoint_every)
         settings = ArmSettings(
             runs=runs, episodes=episodes, seed=seed, solver=solver, formulation=formulation, estimator=estimator,
             conditions=[name.strip() for name in conditions.split(",")], record_every=record_every, compare=compare,
@@ -270,8 +285,11 @@ def arm(
         )  # fmt: skip
     labels = [case.label for case in settings.cases()]
     with _reserved(out):
-        with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, out, FILES):
-            done = reproduce_two_link_arm(settings, out, processes=processes, listen=progress.listen)
+        place = _place(out, FILES, key_of(settings), anew=anew)
+        with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, place, out):
+            done = reproduce_two_link_arm(
+                settings, out, processes=processes, listen=progress.listen, checkpoint_every=checkpoint_every
+            )
         written = [name for name in FILES if (out / name).exists()]
     if done.comparison:
         print_comparison(done.comparison, done.results.arm)
@@ -302,12 +320,23 @@ def _reserved(out: Path) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def _telling_what_is_kept(progress: "TrainingProgress", out: Path, files: Sequence[str]) -> Iterator[None]:
-    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line."""
+def _place(out: Path, files: Sequence[str], key: Mapping[str, Any], *, anew: bool) -> Path:
+    """Where the experiment writes; one line if it goes on there."""
+    from .experiments.checkpoints import forget, holds
     from .experiments.results_directory import place_for
 
-    place = place_for(out, files)
+    place = place_for(out, files, key)
+    if holds(place, key) and anew:
+        forget(place)
+        return place_for(out, files, key)
+    if holds(place, key):
+        say(f"Going on where {place} was left; --anew starts over.", err=True)
+    return place
+
+
+@contextmanager
+def _telling_what_is_kept(progress: "TrainingProgress", place: Path, out: Path) -> Iterator[None]:
+    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line."""
     with _signals_answered(lambda: _kept(progress, place, out)), _clean_errors():
         try:
             yield
@@ -335,6 +364,8 @@ def _kept(progress: "TrainingProgress", place: Path, out: Path) -> str:
     progress.stop()
     reached = [f"{label} to episode {episode}" for label, episode in progress.recorded.items()]
     held = f"{place / 'learning.csv'} holds {', '.join(reached)}." if reached else "No episode was recorded."
+    if reached:
+        held = f"{held} The same command goes on from there, or a few seconds before."
     return held if place == out else f"{held} The earlier results in {out} are as they were."
 
 
@@ -370,11 +401,19 @@ def _clean_errors(*refusals: type[ValueError]) -> Iterator[None]:
     from cpgrl_opt import MissingPackageError
     from cpgrl_opt.comparison.table import ReportPackagesError
 
+    from .experiments.checkpoints import CheckpointError
     from .experiments.workers import WorkerDiedError
     from .training import DivergenceError
 
     missing = MissingPackageError, ReportPackagesError
-    told: tuple[type[Exception], ...] = (*missing, DivergenceError, WorkerDiedError, OSError, *refusals)
+    told: tuple[type[Exception], ...] = (
+        *missing,
+        CheckpointError,
+        DivergenceError,
+        WorkerDiedError,
+        OSError,
+        *refusals,
+    )
     try:
         yield
     except BrokenPipeError:

@@ -2,13 +2,15 @@
 
 import itertools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from cpgrl_opt._folder_lock import FolderInUseError, locked_folder
 
 from ..interrupts import InterruptsHeld
+from .checkpoints import forget, holds
 
 UNFINISHED = "unfinished"
 _LAST = "summary.json"  # without it a directory does not hold a finished run
@@ -19,16 +21,17 @@ class UnusableDirectoryError(ValueError):
 
 
 @contextmanager
-def results_directory(directory: Path, files: Sequence[str]) -> Iterator[Path]:
+def results_directory(directory: Path, files: Sequence[str], key: Mapping[str, Any] | None = None) -> Iterator[Path]:
     """Where to write these files: the directory, made if it is not there, or a folder of its own within it.
 
-    If any of them is in the directory already, an earlier run's, `place_for` names the folder. At the context's end
+    If any of them is in the directory already, an earlier run's, `place_for` names the folder; with a key, of
+    `experiment_key`, it is where that experiment was stopped, if it was. At the context's end
     what is in it takes their place, and those that were not written anew are removed; on an exception both stay as
     they are. Other files are left alone. Meanwhile the directory is this process's alone. Raises
     UnusableDirectoryError where there can be no directory, FolderInUseError where another process writes into it.
     """
     with reserved(directory):
-        place = place_for(directory, files)
+        place = place_for(directory, files, key)
         place.mkdir(exist_ok=True)
         try:
             yield place
@@ -38,6 +41,9 @@ def results_directory(directory: Path, files: Sequence[str]) -> Iterator[Path]:
             raise
         if place != directory:
             _swap_in(place, directory, files)
+        forget(place)
+        if place != directory:
+            place.rmdir()
 
 
 @contextmanager
@@ -55,8 +61,15 @@ def reserved(directory: Path) -> Iterator[None]:
         yield
 
 
-def place_for(directory: Path, files: Sequence[str]) -> Path:
-    """The directory if it has none of the files, else the first of unfinished, unfinished-2, … that is not there."""
+def place_for(directory: Path, files: Sequence[str], key: Mapping[str, Any] | None = None) -> Path:
+    """Where a checkpoint of the key's experiment is, among the directory, unfinished, unfinished-2 …
+
+    Else the directory if it has none of the files, else the first of the others that is not there.
+    """
+    if key is not None:
+        places = (place for place in (directory, *sorted(directory.glob(f"{UNFINISHED}*"))) if holds(place, key))
+        if (found := next(places, None)) is not None:
+            return found
     if not any((directory / name).exists() for name in files):
         return directory
     names = itertools.chain([UNFINISHED], (f"{UNFINISHED}-{number}" for number in itertools.count(2)))
@@ -65,6 +78,7 @@ def place_for(directory: Path, files: Sequence[str]) -> Path:
 
 def _swap_in(place: Path, directory: Path, files: Sequence[str]) -> None:
     with InterruptsHeld():
+        forget(directory)  # of another run, which was stopped: its learning.csv goes too
         # The summary goes first and comes last: killed in between, the directory does not pass for finished.
         (directory / _LAST).unlink(missing_ok=True)
         for name in sorted(files, key=lambda name: name == _LAST):
@@ -72,4 +86,3 @@ def _swap_in(place: Path, directory: Path, files: Sequence[str]) -> None:
                 os.replace(place / name, directory / name)
             else:
                 (directory / name).unlink(missing_ok=True)
-        place.rmdir()

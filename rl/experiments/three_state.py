@@ -1,7 +1,8 @@
 """The paper's first experiment (§3): CPGRL, CONB and SUM on the three-state MDP, beside exact averages."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any, ClassVar
@@ -9,8 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpgrl_opt import ConstrainedStep
-from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.comparison.recorder import Recorder as ProblemRecorder
+from cpgrl_opt.arrays import Float
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels
 from cpgrl_opt.step import Observer
@@ -22,10 +22,11 @@ from ..estimators import GPOMDP
 from ..learners import CPGRL, ConstraintSwitching, Learner, WeightedSum
 from ..policies import SoftmaxTable
 from ..streams import MOST_RUNS
-from ..training import TrainingRecord, train, uniform_parameters
+from ..training import Training, TrainingRecord, uniform_parameters
+from .checkpoints import Checkpoint, Checkpoints, as_columns, from_columns
 from .learning_curves import LearningCurves
 from .solver_cases import require_installed
-from .subproblems import subproblem_recorder
+from .subproblems import SubproblemRecorder, subproblem_recorder
 from .tidy_csv import TidyCsv
 from .workers import run_tasks
 
@@ -152,11 +153,13 @@ def train_three_state(
     processes: int = 1,
     listen: Listener | None = None,
     meanwhile: Callable[[], object] | None = None,
+    checkpoints: Checkpoints | None = None,
 ) -> ThreeStateResults:
     """All three methods, each record into the CSV as it comes: whatever ends the training, what was done is there.
 
     processes: over which the methods are shared out; the numbers do not depend on it. listen: sees each snapshot and
-    tick. meanwhile: see `run_tasks`. Raises MissingPackageError, DivergenceError, WorkerDiedError.
+    tick. meanwhile: see `run_tasks`. checkpoints: where each method goes on from, and keeps how far it is. Raises
+    MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError.
     """
     mdp = ThreeStateMDP()
     require_installed(settings.step().solver)
@@ -169,64 +172,109 @@ def train_three_state(
                 listen(message)
 
         items = [(settings, method) for method in METHODS]
-        outcomes = run_tasks(train_method, items, heard, processes=processes, meanwhile=meanwhile)
+        task = partial(train_method, checkpoints=checkpoints)
+        outcomes = run_tasks(task, items, heard, processes=processes, meanwhile=meanwhile)
     optimum = mdp.constrained_optimum(settings.thresholds)
     return ThreeStateResults(settings, recorder.curves(), dict(zip(METHODS, outcomes, strict=True)), optimum)
 
 
-def train_method(item: tuple[ThreeStateSettings, str], report: Listener) -> MethodOutcome:
-    """One method, all its runs in lockstep; reports a snapshot before the first update and at every record."""
+def train_method(
+    item: tuple[ThreeStateSettings, str], report: Listener, checkpoints: Checkpoints | None = None
+) -> MethodOutcome:
+    """One method, all its runs in lockstep; reports a snapshot before the first update and at every record.
+
+    Where it was stopped before, it reports what it had, and goes on.
+    """
     settings, method = item
     started = perf_counter()
-    for _ in _records(replace(settings, episodes=1, runs=1), method, []):
+    for _ in _training(replace(settings, episodes=1, runs=1), method):
         pass  # kernels are compiled, or loaded from the cache, so that the clock below sees training alone
     if method == "cpgrl":  # the others solve no direction problems, and it only a few that are hard
         compile_kernels(thorough=False)
-    begun = ticked = perf_counter()
-    first: list[Vector] = []
-    watcher = _watcher(settings, method)
-    records = _records(settings, method, first, watcher)
-    report(Snapshot(method, 0, np.array(first), np.zeros((settings.runs, len(settings.thresholds) + 1))))
-    counted: dict[str, np.ndarray] = {"steps": np.zeros(settings.runs, dtype=np.int64)}  # summed over runs at the end
-    for record in records:
-        if watcher is not None:
-            watcher.next_episode()
-        counted["steps"] += record.estimate.steps
+    course = _Course(settings, method, report, Checkpoint(checkpoints, method))
+    for record in course.training:
+        course.see(record)
+    return course.outcome(course.begun - started)
+
+
+class _Course:
+    """A method under way, from its checkpoint if it has one: training, recorder, snapshots, counts, seconds."""
+
+    def __init__(self, settings: ThreeStateSettings, method: str, report: Listener, checkpoint: Checkpoint) -> None:
+        self.settings, self.method, self.report, self.checkpoint = settings, method, report, checkpoint
+        self.begun = self.ticked = perf_counter()
+        saved = checkpoint.read()
+        self.watcher = _watcher(settings, method, saved)
+        self.training = _training(settings, method, self.watcher)
+        self.snapshots: list[Snapshot] = []
+        self.before = 0.0  # seconds that it took until it was stopped
+        # Summed over runs at the end.
+        self.counted: dict[str, np.ndarray] = {"steps": np.zeros(settings.runs, dtype=np.int64)}
+        if saved is None:
+            nothing = np.zeros((settings.runs, len(settings.thresholds) + 1))
+            self.tell(Snapshot(method, 0, self.training.parameters, nothing))
+            return
+        self.training.restore(saved["training"])
+        self.counted, self.before = saved["counted"], saved["seconds"]
+        for snapshot in from_columns(Snapshot, saved["snapshots"]):
+            self.tell(snapshot)
+
+    def tell(self, snapshot: Snapshot) -> None:
+        self.snapshots.append(snapshot)
+        self.report(snapshot)
+
+    def see(self, record: TrainingRecord) -> None:
+        """Counts, and reports what is to be reported after this update."""
+        settings = self.settings
+        if self.watcher is not None:
+            self.watcher.next_episode()
+        self.counted["steps"] += record.estimate.steps
         for name, number in record.update.counts.items():
-            counted[name] = counted[name] + number if name in counted else number
+            self.counted[name] = self.counted[name] + number if name in self.counted else number
         if record.episode % settings.record_every == 0 or record.episode == settings.episodes:
-            report(Snapshot(method, record.episode, record.parameters, record.estimate.values))
-        elif perf_counter() - ticked > _TICK:
-            ticked = perf_counter()
-            report(Tick(method, record.episode))
-    seconds = perf_counter() - begun
-    counts = {name: int(number.sum()) for name, number in counted.items()}
-    recording = None if watcher is None else watcher.recording()
-    return MethodOutcome(counts.pop("steps"), seconds, begun - started, counts, recording)
+            self.tell(Snapshot(self.method, record.episode, record.parameters, record.estimate.values))
+        elif perf_counter() - self.ticked > _TICK:
+            self.ticked = perf_counter()
+            self.report(Tick(self.method, record.episode))
+        if self.checkpoint.is_due() or record.episode == settings.episodes:
+            self.save()
+
+    def save(self) -> None:
+        """The checkpoint."""
+        self.checkpoint.write(
+            {
+                "training": self.training.state(),
+                "snapshots": as_columns(self.snapshots),
+                "counted": self.counted,
+                "seconds": self.seconds(),
+                "recording": None if self.watcher is None else self.watcher.state(),
+            }
+        )
+
+    def seconds(self) -> float:
+        return self.before + perf_counter() - self.begun
+
+    def outcome(self, preparation: float) -> MethodOutcome:
+        counts = {name: int(number.sum()) for name, number in self.counted.items()}
+        recording = None if self.watcher is None else self.watcher.recording()
+        return MethodOutcome(counts.pop("steps"), self.seconds(), preparation, counts, recording)
 
 
-def _watcher(settings: ThreeStateSettings, method: str) -> ProblemRecorder | None:
+def _watcher(settings: ThreeStateSettings, method: str, saved: Mapping[str, Any] | None) -> SubproblemRecorder | None:
     if method != "cpgrl":  # the others have no direction problems
         return None
     runs = settings.runs
-    return subproblem_recorder(settings.record, method, range(runs), of=runs, episodes=settings.episodes)
+    return subproblem_recorder(settings.record, method, range(runs), of=runs, episodes=settings.episodes, saved=saved)
 
 
-def _records(
-    settings: ThreeStateSettings, method: str, first: list[Vector], observe: Observer | None = None
-) -> Iterator[TrainingRecord]:
-    """Training's records; `first` is filled with each run's θ₀ ~ U[0, 1]⁹ before they begin."""
+def _training(settings: ThreeStateSettings, method: str, observe: Observer | None = None) -> Training:
+    """From θ₀ ~ U[0, 1]⁹ of each run."""
     mdp = ThreeStateMDP()
-    draw = uniform_parameters(mdp.states * mdp.actions)
-
-    def initial(rng: np.random.Generator) -> Vector:
-        first.append(draw(rng))
-        return first[-1]
-
-    policy = SoftmaxTable(mdp.states, mdp.actions)
-    return train(
-        mdp, policy, settings.estimator(), settings.learner(method),
-        episodes=settings.episodes, runs=settings.runs, seed=settings.seed, initial=initial, observe=observe,
+    size = mdp.states * mdp.actions
+    return Training(
+        mdp, SoftmaxTable(mdp.states, mdp.actions), settings.estimator(), settings.learner(method),
+        episodes=settings.episodes, runs=settings.runs, seed=settings.seed, initial=uniform_parameters(size),
+        observe=observe,
     )  # fmt: skip
 
 

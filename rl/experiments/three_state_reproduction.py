@@ -10,6 +10,7 @@ import numpy as np
 
 from envs import ThreeStateMDP
 
+from .checkpoints import EVERY, Checkpoints, experiment_key, require_interval
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
 from .learning_curves import spread
@@ -50,22 +51,42 @@ class Reproduction:
 
 
 def reproduce_three_state(
-    settings: ThreeStateSettings, directory: Path, *, processes: int = 1, listen: Listener | None = None
+    settings: ThreeStateSettings,
+    directory: Path,
+    *,
+    processes: int = 1,
+    listen: Listener | None = None,
+    checkpoint_every: float = EVERY,
 ) -> Reproduction:
     """Writes FILES into the directory as `results_directory` says: an earlier run's stay until these are finished.
 
     Direction problems are written only if settings.record > 0. Interrupted, it leaves `learning.csv` with what was
-    recorded. Raises as `train_three_state`.
+    recorded. Stopped, killed or not, and called again, it goes on, and loses checkpoint_every seconds at most; the
+    bytes of `learning.csv` and `claims.json` do not tell. Raises as `train_three_state`.
     """
-    with results_directory(directory, FILES) as place:
-        return _reproduce(settings, place, processes, listen)
+    require_interval(checkpoint_every)
+    key = key_of(settings)
+    with results_directory(directory, FILES, key) as place:
+        return _reproduce(settings, place, processes, listen, Checkpoints.begun(place, key, checkpoint_every))
 
 
-def _reproduce(settings: ThreeStateSettings, directory: Path, processes: int, listen: Listener | None) -> Reproduction:
+def key_of(settings: ThreeStateSettings) -> dict[str, Any]:
+    """By which a checkpoint is known to be of this experiment."""
+    return experiment_key("three-state", settings, *_back_end(settings))
+
+
+def _reproduce(
+    settings: ThreeStateSettings,
+    directory: Path,
+    processes: int,
+    listen: Listener | None,
+    checkpoints: Checkpoints | None,
+) -> Reproduction:
     begun = perf_counter()
     results = train_three_state(
-        settings, directory / "learning.csv", processes=processes, listen=listen, meanwhile=_load
-    )
+        settings, directory / "learning.csv", processes=processes, listen=listen, meanwhile=_load,
+        checkpoints=checkpoints,
+    )  # fmt: skip
     trained = perf_counter()
     claims = three_state_claims(evidence(results))
     write_claims(claims, directory / "claims.json")

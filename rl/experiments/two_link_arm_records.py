@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from envs import TwoLinkArm
 
 from ..parallel import split
+from .checkpoints import Checkpoints
 from .solver_cases import require_installed
 from .subproblems import joined_recordings
 from .tidy_csv import TidyCsv
@@ -50,16 +52,19 @@ def train_two_link_arm(
     processes: int = 1,
     listen: Callable[[Advance], None] | None = None,
     meanwhile: Callable[[], object] | None = None,
+    checkpoints: Checkpoints | None = None,
 ) -> ArmResults:
     """Every case; `learning.csv`, and `compare.csv` if settings.compare, hold what was done whatever ends it.
 
     processes: over which cases and their runs are shared out; the numbers do not depend on it. listen: sees how far
-    it is. meanwhile: see `run_tasks`. Raises MissingPackageError, DivergenceError, WorkerDiedError.
+    it is. meanwhile: see `run_tasks`. checkpoints: where each share goes on from, and keeps how far it is. Raises
+    MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError.
     """
     cases = settings.cases()
     for case in cases:
         require_installed(settings.step(case.solver).solver)
-    shares = shared_out(settings, processes)
+    parts = parts_for(settings, processes)
+    shares = shared_out(settings, parts if checkpoints is None else checkpoints.parts(parts))
     with Recorder(settings, directory) as recorder:
 
         def heard(message: Message) -> None:
@@ -67,7 +72,8 @@ def train_two_link_arm(
             if listen is not None:
                 listen(advance)
 
-        outcomes = run_tasks(train_share, shares, heard, processes=processes, meanwhile=meanwhile)
+        task = partial(train_share, checkpoints=checkpoints)
+        outcomes = run_tasks(task, shares, heard, processes=processes, meanwhile=meanwhile)
     return ArmResults(
         settings,
         recorder.arm,
@@ -76,14 +82,17 @@ def train_two_link_arm(
     )
 
 
-def shared_out(settings: ArmSettings, processes: int) -> list[Share]:
-    """Cases and runs for so many processes: the longest first, so that at the end no process waits long for another.
+def parts_for(settings: ArmSettings, processes: int) -> int:
+    """Into how many shares a case is split: only if there are fewer than two cases for each process.
 
-    A case is split only if there are fewer than two for each process: runs beside each other share what an update
-    costs besides them.
+    Runs beside each other share what an update costs besides them.
     """
+    return min(processes, -(-2 * processes // len(settings.cases())))
+
+
+def shared_out(settings: ArmSettings, parts: int) -> list[Share]:
+    """Cases and runs, the longest first, so that at the end no process waits long for another."""
     cases = sorted(settings.cases(), key=lambda case: _LONGEST_FIRST.index(case.condition))
-    parts = min(processes, -(-2 * processes // len(cases)))
     return [(settings, case, tuple(runs)) for case in cases for runs in split(range(settings.runs), parts)]
 
 

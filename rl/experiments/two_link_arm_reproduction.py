@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .checkpoints import EVERY, Checkpoints, experiment_key, require_interval
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
 from .results_directory import results_directory
@@ -45,22 +46,41 @@ class ArmReproduction:
 
 
 def reproduce_two_link_arm(
-    settings: ArmSettings, directory: Path, *, processes: int = 1, listen: Callable[[Advance], None] | None = None
+    settings: ArmSettings,
+    directory: Path,
+    *,
+    processes: int = 1,
+    listen: Callable[[Advance], None] | None = None,
+    checkpoint_every: float = EVERY,
 ) -> ArmReproduction:
     """Writes those of FILES that the settings ask for into the directory, as `results_directory` says.
 
     An earlier run's stay until these are finished. Interrupted, it leaves `learning.csv`, and `compare.csv` where
-    asked for, with what was done. Raises as `train_two_link_arm`.
+    asked for, with what was done. Stopped, killed or not, and called again, it goes on, and loses checkpoint_every
+    seconds at most; the bytes of `learning.csv` and `claims.json` do not tell. Raises as `train_two_link_arm`.
     """
-    with results_directory(directory, FILES) as place:
-        return _reproduce(settings, place, processes, listen)
+    require_interval(checkpoint_every)
+    key = key_of(settings)
+    with results_directory(directory, FILES, key) as place:
+        return _reproduce(settings, place, processes, listen, Checkpoints.begun(place, key, checkpoint_every))
+
+
+def key_of(settings: ArmSettings) -> dict[str, Any]:
+    """By which a checkpoint is known to be of this experiment."""
+    return experiment_key("arm", settings, *_back_ends(settings))
 
 
 def _reproduce(
-    settings: ArmSettings, directory: Path, processes: int, listen: Callable[[Advance], None] | None
+    settings: ArmSettings,
+    directory: Path,
+    processes: int,
+    listen: Callable[[Advance], None] | None,
+    checkpoints: Checkpoints | None,
 ) -> ArmReproduction:
     begun = perf_counter()
-    results = train_two_link_arm(settings, directory, processes=processes, listen=listen, meanwhile=load_figures)
+    results = train_two_link_arm(
+        settings, directory, processes=processes, listen=listen, meanwhile=load_figures, checkpoints=checkpoints
+    )
     trained = perf_counter()
     claims = two_link_arm_claims(evidence(results))
     write_claims(claims, directory / "claims.json")
@@ -130,7 +150,6 @@ def summary(results: ArmResults, seconds: Mapping[str, float], processes: int) -
     """What `summary.json` holds besides speed and machine."""
     settings = results.settings
     steps = sum(int(outcome.steps.sum()) for outcome in results.outcomes.values())
-    packages = {getattr(settings.step(case.solver).solver, "package", None) for case in settings.cases()}
     return {
         "experiment": "arm",
         "settings": asdict(settings),
@@ -141,13 +160,18 @@ def summary(results: ArmResults, seconds: Mapping[str, float], processes: int) -
             "drop": settings.drop,
         },
         "seeds": {"seed": settings.seed, "runs": "run i draws from SeedSequence(seed, spawn_key=(i,)).spawn(2)"},
-        "versions": versions(*sorted(package for package in packages if package)),
+        "versions": versions(*_back_ends(settings)),
         "wall_time": {name: round(value, 3) for name, value in seconds.items()},
         "processes": processes,
         "steps_per_cpu_second": round(speed(results, "cpu_seconds")),
         "steps_per_second_of_all_processes": round(steps / seconds["training"]),
         "conditions": {label: _condition(results, label) for label in results.outcomes},
     }
+
+
+def _back_ends(settings: ArmSettings) -> list[str]:
+    packages = {getattr(settings.step(case.solver).solver, "package", None) for case in settings.cases()}
+    return sorted(package for package in packages if package)
 
 
 def _condition(results: ArmResults, label: str) -> dict[str, Any]:

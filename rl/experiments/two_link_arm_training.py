@@ -1,20 +1,22 @@
 """Training some runs on the arm under one condition, in whatever process, with reports of every block."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
 
 from cpgrl_opt.arrays import Float, Int
-from cpgrl_opt.comparison.recorder import Recorder
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.solvers import compile_kernels
 from cpgrl_opt.step import Observer
 from envs import TwoLinkArm
 
-from ..training import TrainingRecord, train
-from .subproblems import subproblem_recorder
+from ..carried import put_back, state_of
+from ..training import Training, TrainingRecord
+from .checkpoints import Checkpoint, Checkpoints, as_columns, from_columns
+from .subproblems import SubproblemRecorder, subproblem_recorder
 from .two_link_arm import CONDITIONS, MAX_CHANGE, ArmSettings, Case, arm_policy
 
 _TICK = 0.2  # s between signs of life
@@ -75,52 +77,108 @@ class Outcome:
 Message = Block | Tick | Outcome
 
 
-def train_share(share: Share, report: Callable[[Message], None]) -> Outcome:
-    """All runs of the share in lockstep; reports every block as it ends, and the outcome."""
+def train_share(share: Share, report: Callable[[Message], None], checkpoints: Checkpoints | None = None) -> Outcome:
+    """All runs of the share in lockstep; reports every block as it ends, and the outcome.
+
+    Where it was stopped before, it reports what it had, and goes on.
+    """
     settings, case, runs = share
     started = perf_counter()
-    for _ in _records((replace(settings, episodes=1), case, runs[:1])):
+    for _ in _training((replace(settings, episodes=1), case, runs[:1])):
         pass  # kernels are compiled, or loaded from the cache, so that the clock below sees training alone
     compile_kernels()
-    begun, begun_cpu = perf_counter(), process_time()
-    ticked = begun
-    block, steps = _Block(share, 0), np.zeros(len(runs), dtype=np.int64)
-    counts: dict[str, np.ndarray] = {"constrained": np.zeros(len(runs), dtype=np.int64)}
-    watcher = _watcher(share)
-    for record in _records(share, watcher):
-        if watcher is not None:
-            watcher.next_episode()
-        block.add(record)
-        steps += record.estimate.steps
-        counts["constrained"] += record.update.active.any(axis=1)
-        for name, number in record.update.counts.items():
-            counts[name] = counts.get(name, 0) + number
-        if record.episode % settings.record_every == 0 or record.episode == settings.episodes:
-            report(block.finished())
-            block = _Block(share, record.episode)
-        elif perf_counter() - ticked > _TICK:
-            ticked = perf_counter()
-            report(Tick(case.label, runs, record.episode))
-    times = perf_counter() - begun, process_time() - begun_cpu, begun - started
-    outcome = Outcome(
-        case.label, runs, settings.episodes, steps, *times, record.parameters, counts,
-        None if watcher is None else watcher.recording(),
-    )  # fmt: skip
+    course = _Course(share, report, Checkpoint(checkpoints, f"{case.label}, {runs[0]} to {runs[-1]}"))
+    for record in course.training:
+        course.see(record)
+    outcome = course.outcome(course.begun[0] - started)
     report(outcome)
     return outcome
 
 
-def _watcher(share: Share) -> Recorder | None:
+class _Course:
+    """A share under way, from its checkpoint if it has one: training, recorder, blocks, counts, seconds."""
+
+    def __init__(self, share: Share, report: Callable[[Message], None], checkpoint: Checkpoint) -> None:
+        self.share, self.report, self.checkpoint = share, report, checkpoint
+        self.begun = perf_counter(), process_time()
+        self.ticked = self.begun[0]
+        saved = checkpoint.read()
+        self.watcher = _watcher(share, saved)
+        self.training = _training(share, self.watcher)
+        self.blocks: list[Block] = []
+        self.block, self.steps = _Block(share, 0), np.zeros(len(share[2]), dtype=np.int64)
+        self.counts: dict[str, np.ndarray] = {"constrained": np.zeros(len(share[2]), dtype=np.int64)}
+        self.before: tuple[float, float] = (0.0, 0.0)  # seconds that it took until it was stopped
+        if saved is not None:
+            self.training.restore(saved["training"])
+            self.steps, self.counts, self.before = saved["steps"], saved["counts"], saved["seconds"]
+            put_back(self.block, saved["block"])
+            for block in from_columns(Block, saved["blocks"]):
+                self.tell(block)
+
+    def tell(self, block: Block) -> None:
+        self.blocks.append(block)
+        self.report(block)
+
+    def see(self, record: TrainingRecord) -> None:
+        """Counts, and reports what is to be reported after this update."""
+        settings, case, runs = self.share
+        if self.watcher is not None:
+            self.watcher.next_episode()
+        self.block.add(record)
+        self.steps += record.estimate.steps
+        self.counts["constrained"] += record.update.active.any(axis=1)
+        for name, number in record.update.counts.items():
+            self.counts[name] = self.counts.get(name, 0) + number
+        if record.episode % settings.record_every == 0 or record.episode == settings.episodes:
+            self.tell(self.block.finished())
+            self.block = _Block(self.share, record.episode)
+        elif perf_counter() - self.ticked > _TICK:
+            self.ticked = perf_counter()
+            self.report(Tick(case.label, runs, record.episode))
+        if self.checkpoint.is_due() or record.episode == settings.episodes:
+            self.save()
+
+    def save(self) -> None:
+        """The checkpoint."""
+        self.checkpoint.write(
+            {
+                "training": self.training.state(),
+                "blocks": as_columns(self.blocks),
+                "block": state_of(self.block),
+                "steps": self.steps,
+                "counts": self.counts,
+                "seconds": self.seconds(),
+                "recording": None if self.watcher is None else self.watcher.state(),
+            }
+        )
+
+    def seconds(self) -> tuple[float, float]:
+        """By the wall and by the process' own clock."""
+        (wall, cpu), (begun, begun_cpu) = self.before, self.begun
+        return wall + perf_counter() - begun, cpu + process_time() - begun_cpu
+
+    def outcome(self, preparation: float) -> Outcome:
+        settings, case, runs = self.share
+        return Outcome(
+            case.label, runs, settings.episodes, self.steps, *self.seconds(), preparation, self.training.parameters,
+            self.counts, None if self.watcher is None else self.watcher.recording(),
+        )  # fmt: skip
+
+
+def _watcher(share: Share, saved: Mapping[str, Any] | None) -> SubproblemRecorder | None:
     settings, case, runs = share
     if CONDITIONS[case.condition].thresholds is None:  # then there are no direction problems
         return None
-    return subproblem_recorder(settings.record, case.label, runs, of=settings.runs, episodes=settings.episodes)
+    return subproblem_recorder(
+        settings.record, case.label, runs, of=settings.runs, episodes=settings.episodes, saved=saved
+    )
 
 
-def _records(share: Share, observe: Observer | None = None) -> Iterator[TrainingRecord]:
+def _training(share: Share, observe: Observer | None = None) -> Training:
     settings, case, runs = share
     arm = TwoLinkArm()
-    return train(
+    return Training(
         arm, arm_policy(arm), settings.gradient_estimator(case.condition), settings.learner(case),
         episodes=settings.episodes, runs=runs, seed=settings.seed, max_change=MAX_CHANGE,
         observe=observe,
@@ -129,6 +187,8 @@ def _records(share: Share, observe: Observer | None = None) -> Iterator[Training
 
 class _Block:
     """A block while it fills; `before`: episodes that came before it."""
+
+    carried = ("before", "episode", "touches", "steps", "outside")
 
     def __init__(self, share: Share, before: int) -> None:
         _, self.case, self.runs = share

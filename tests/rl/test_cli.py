@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from cpgrl_opt import FORMULATIONS, SOLVERS, MissingPackageError
 from rl import DivergenceError
 from rl.cli import app
+from rl.experiments.checkpoints import FOLDER
 from rl.experiments.three_state import METHODS
 from rl.experiments.three_state_comparison_results import FILES as COMPARISON
 from rl.experiments.three_state_reproduction import FILES
@@ -216,7 +217,7 @@ def test_ctrl_c_and_a_request_to_end_leave_what_was_recorded_and_say_so(tmp_path
     found = [(METHODS.index(method), int(run), int(episode)) for method, run, episode in keys]
     assert len(found) >= 20
     assert found == sorted(found)
-    assert {path.name for path in place.iterdir()} == {"learning.csv"}
+    assert {path.name for path in place.iterdir()} == {"learning.csv", FOLDER}
     assert str(path) in errors
     if earlier:
         assert "earlier results" in errors

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from cpgrl_opt._folder_lock import LOCK, FolderInUseError, locked_folder
 from cpgrl_opt.comparison.command import Request, compare
 from rl.cli import app
+from rl.experiments.checkpoints import FOLDER
 from rl.experiments.results_directory import results_directory
 
 TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
@@ -38,7 +39,7 @@ def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpg
         assert second.stderr.startswith(f"cpgrl: {tmp_path} is being written to by 'cli.py reproduce three-state")
         assert f"process {first.pid} on" in second.stderr
         assert second.stderr.count("\n") == 1
-    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", LOCK}
+    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", FOLDER, LOCK}
     os.killpg(first.pid, signal.SIGKILL)
     first.communicate(timeout=60)
     again = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)

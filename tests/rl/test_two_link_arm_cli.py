@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from cpgrl_opt import FORMULATIONS, SOLVERS
 from rl.cli import app
+from rl.experiments.checkpoints import FOLDER
 from rl.experiments.two_link_arm import CONDITIONS, ESTIMATORS
 
 TINY = ["--runs", "1", "--episodes", "6", "--block", "3", "--jobs", "1"]
@@ -104,4 +105,4 @@ def test_ctrl_c_leaves_what_was_recorded_and_says_so(tmp_path, jobs, start_cpgrl
     of_b = [(int(run), int(episode)) for condition, run, episode in keys if condition == "b"]
     assert len(of_b) >= 20
     assert of_b == sorted(of_b)
-    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", FOLDER}

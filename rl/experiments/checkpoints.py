@@ -1,0 +1,145 @@
+"""What an experiment that was stopped, killed or not, needs to go on: a folder among its results, a file a training.
+
+It is there from the beginning of an experiment until its results are complete.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from importlib.util import find_spec
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..saved_state import read_state, write_state
+from .summary import versions
+
+FOLDER = "checkpoint"
+EVERY = 10.0  # s between two checkpoints of a training
+_KIND = "checkpoint of an experiment"
+_KEY, _PARTS = "experiment.json", "parts.json"
+_PACKAGES = ("cpgrl_opt", "envs", "rl")
+
+Message = TypeVar("Message")
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be gone on from; says why, and what to do."""
+
+
+def experiment_key(experiment: str, settings: Any, *packages: str) -> dict[str, Any]:
+    """All that decides the results' bytes: only an experiment of the same key goes on from a checkpoint.
+
+    settings: a dataclass; packages: names of those that it stands on besides the usual ones.
+    """
+    digest = hashlib.sha256()
+    for package in _PACKAGES:
+        for folder in getattr(find_spec(package), "submodule_search_locations", None) or ():
+            for source in sorted(Path(folder).rglob("*.py")):
+                digest.update(source.relative_to(folder).as_posix().encode() + b"\n" + source.read_bytes())
+    key = {"experiment": experiment, "settings": asdict(settings), "versions": versions(*packages)}
+    found: dict[str, Any] = json.loads(json.dumps({**key, "sources": digest.hexdigest()}))
+    return found
+
+
+def holds(place: Path, key: Mapping[str, Any]) -> bool:
+    """Whether the place has a checkpoint of this experiment."""
+    try:
+        return bool(json.loads((place / FOLDER / _KEY).read_text(encoding="utf-8")) == key)
+    except (OSError, ValueError):
+        return False
+
+
+def require_interval(every: float) -> None:
+    """ValueError unless it is a finite number of seconds."""
+    if not 0 <= every < np.inf:
+        raise ValueError(f"checkpoint_every should be a finite number of seconds ≥ 0; found {every!r}")
+
+
+def forget(place: Path) -> None:
+    """Its checkpoint is no longer there: first what says whose it is."""
+    (place / FOLDER / _KEY).unlink(missing_ok=True)
+    shutil.rmtree(place / FOLDER, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """The folder of an experiment's checkpoints, and how many seconds may be lost when it is killed."""
+
+    folder: Path
+    every: float = EVERY
+
+    @classmethod
+    def begun(cls, place: Path, key: Mapping[str, Any], every: float) -> "Checkpoints":
+        """Those of the experiment in this place, or none yet."""
+        checkpoints = cls(place / FOLDER, every)
+        if not holds(place, key):
+            forget(place)
+            checkpoints.folder.mkdir(exist_ok=True)
+            _write_json(checkpoints.folder / _KEY, key)
+        return checkpoints
+
+    def parts(self, wanted: int) -> int:
+        """Into how many shares each training's runs are split: as many as when it began."""
+        path = self.folder / _PARTS
+        if not path.exists():
+            _write_json(path, wanted)
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            found = None
+        if type(found) is not int or found < 1:
+            raise CheckpointError(f"{path} should hold a number ≥ 1; found something else. --anew starts over")
+        return found
+
+
+class Checkpoint:
+    """One training's file; without Checkpoints there is none."""
+
+    def __init__(self, checkpoints: Checkpoints | None, name: str) -> None:
+        self.every = np.inf if checkpoints is None else checkpoints.every
+        self.path = None if checkpoints is None else checkpoints.folder / f"{name}.npz"
+        self.last = perf_counter()
+
+    def read(self) -> dict[str, Any] | None:
+        """What was written last; None at the beginning. CheckpointError where the file is damaged."""
+        if self.path is None or not self.path.exists():
+            return None
+        try:
+            return read_state(self.path, _KIND)
+        except ValueError as error:
+            raise CheckpointError(f"{error}. --anew starts over") from error
+
+    def is_due(self) -> bool:
+        """Whether as much time has passed as may be lost."""
+        return perf_counter() - self.last >= self.every
+
+    def write(self, state: Mapping[str, Any]) -> None:
+        """In the last one's place."""
+        if self.path is not None:
+            write_state(self.path, _KIND, state)
+            self.last = perf_counter()
+
+
+def as_columns(messages: Sequence[Any]) -> dict[str, Any]:
+    """Dataclass instances of one kind, field by field: arrays stacked, a list of anything else."""
+    if not messages:
+        return {}
+    columns = {field.name: [getattr(each, field.name) for each in messages] for field in fields(messages[0])}
+    return {name: np.stack(own) if isinstance(own[0], np.ndarray) else own for name, own in columns.items()}
+
+
+def from_columns(kind: type[Message], columns: Mapping[str, Any]) -> list[Message]:
+    """The instances again."""
+    return [kind(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+
+
+def _write_json(path: Path, content: Any) -> None:
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part.write_text(json.dumps(content), encoding="utf-8")
+    os.replace(part, path)

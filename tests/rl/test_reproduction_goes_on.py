@@ -1,0 +1,251 @@
+"""A reproduction that was killed goes on where it was, and its files do not tell."""
+
+import os
+import shutil
+import signal
+import time
+import traceback
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rl.cli import app
+from rl.experiments import checkpoints, three_state_reproduction, two_link_arm_reproduction
+from rl.experiments.checkpoints import FOLDER, CheckpointError
+from rl.experiments.three_state import Snapshot, ThreeStateSettings
+from rl.experiments.two_link_arm import ArmSettings
+from rl.saved_state import read_state
+
+CHAIN = ThreeStateSettings(runs=2, episodes=250, steps=10, record_every=7, record=40)
+ARM = ArmSettings(runs=2, episodes=30, steps=60, record_every=7, record=40, conditions=("a", "c-episode"), compare=True)
+KINDS = {
+    "three-state": (three_state_reproduction, "reproduce_three_state", CHAIN),
+    "arm": (two_link_arm_reproduction, "reproduce_two_link_arm", ARM),
+}
+SAME = ("learning.csv", "claims.json", "subproblems.npz", "compare.csv")
+
+
+@pytest.fixture(autouse=True)
+def no_figures(monkeypatch):
+    for module, *_ in KINDS.values():
+        monkeypatch.setattr(module, "draw", lambda *_: None)
+
+
+def reproduce(kind, directory, **options):
+    module, name, settings = KINDS[kind]
+    return getattr(module, name)(options.pop("settings", settings), directory, **options)
+
+
+def contents(directory):
+    return {name: (directory / name).read_bytes() for name in SAME if (directory / name).exists()}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        for kind, (module, *_) in KINDS.items():
+            patch.setattr(module, "draw", lambda *_: None)
+            directory = tmp_path_factory.mktemp(kind)
+            reproduce(kind, directory)
+            found[kind] = contents(directory)
+            assert not (directory / FOLDER).exists()
+    assert [len(files) for files in found.values()] == [3, 4]
+    return found
+
+
+def reached(directory):
+    """How far each training's checkpoint is."""
+    files = (directory / FOLDER).glob("*.npz")
+    return {path.name: read_state(path, checkpoints._KIND)["training"]["episode"] for path in files}
+
+
+def killed_after(seconds, work):
+    """Whether a process that does the work was still at it when it got SIGKILL."""
+    process = os.fork()
+    if process == 0:
+        try:
+            work()
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+    time.sleep(seconds)
+    with suppress(ProcessLookupError):
+        os.kill(process, signal.SIGKILL)
+    _, status = os.waitpid(process, 0)
+    assert status in (0, signal.SIGKILL), "it failed"
+    return status == signal.SIGKILL
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.parametrize("kind", KINDS)
+def test_killed_at_random_moments_it_goes_on(kind, tmp_path, undisturbed):
+    rng, kills, before = np.random.default_rng(3), 0, {}
+    while killed_after(rng.uniform(0.05, 0.4), lambda: reproduce(kind, tmp_path, checkpoint_every=0.01)):
+        kills += 1
+        now = reached(tmp_path)
+        assert all(now[name] >= episode for name, episode in before.items())
+        before = now
+        if kills == 8:
+            reproduce(kind, tmp_path)
+            break
+    assert kills >= 2
+    assert contents(tmp_path) == undisturbed[kind]
+    assert not (tmp_path / FOLDER).exists()
+
+
+class StopError(Exception):
+    pass
+
+
+def stop_at(directory, kind, number, **options):
+    """Stops it while it reports its n-th record."""
+    heard = []
+
+    def listen(message):
+        if getattr(message, "recorded", False):
+            heard.append(message)
+        if len(heard) == number:
+            raise StopError
+
+    with pytest.raises(StopError):
+        reproduce(kind, directory, listen=listen, checkpoint_every=0.0, **options)
+    return heard
+
+
+@pytest.mark.parametrize(("kind", "first", "second"), [("three-state", 1, 2), ("arm", 2, 1)])
+def test_it_goes_on_with_another_number_of_processes(kind, first, second, tmp_path, undisturbed):
+    stop_at(tmp_path, kind, 6, processes=first)
+    assert reached(tmp_path)
+    reproduce(kind, tmp_path, processes=second)
+    assert contents(tmp_path) == undisturbed[kind]
+
+
+def test_no_more_than_the_last_interval_is_lost(tmp_path):
+    last = stop_at(tmp_path, "three-state", 20)[-1]
+    assert reached(tmp_path) == {"cpgrl.npz": last.episode - 1}, "an episode"
+    heard = []
+    reproduce("three-state", tmp_path, listen=heard.append)
+    own = [message.episode for message in heard if isinstance(message, Snapshot) and message.label == "cpgrl"]
+    assert own == [*range(0, CHAIN.episodes, CHAIN.record_every), CHAIN.episodes]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_done_is_not_done_again(kind, tmp_path, undisturbed, monkeypatch):
+    """Killed after the training, before the last file."""
+
+    def stop(*_):
+        raise StopError
+
+    module = KINDS[kind][0]
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "write_claims", stop)
+        with pytest.raises(StopError):
+            reproduce(kind, tmp_path)
+    episodes = KINDS[kind][2].episodes
+    assert set(reached(tmp_path).values()) == {episodes}
+    reproduce(kind, tmp_path)
+    assert contents(tmp_path) == undisturbed[kind]
+
+
+def test_only_the_same_experiment_goes_on(tmp_path, undisturbed, monkeypatch):
+    stop_at(tmp_path, "three-state", 6)
+    left = reached(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoints, "versions", lambda *_: {"numpy": "0.1"})
+        stop_at(tmp_path, "three-state", 4)
+    other = replace(CHAIN, seed=1)
+    stop_at(tmp_path, "three-state", 9, settings=other)
+    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", FOLDER, "unfinished", "unfinished-2"}
+    assert reached(tmp_path) == left
+    again = tmp_path / "unfinished-2"
+    before = reached(again)
+    stop_at(tmp_path, "three-state", 12, settings=other)
+    assert reached(again)["cpgrl.npz"] > before["cpgrl.npz"], "it goes on where it was"
+    reproduce("three-state", tmp_path)
+    assert contents(tmp_path) == undisturbed["three-state"]
+    reproduce("three-state", tmp_path, settings=other)
+    assert contents(tmp_path) != undisturbed["three-state"]
+    assert not (tmp_path / FOLDER).exists()
+    assert not again.exists()
+
+
+def test_a_finished_run_ends_what_was_stopped_in_its_place(tmp_path):
+    stop_at(tmp_path, "three-state", 6)
+    reproduce("three-state", tmp_path, settings=replace(CHAIN, seed=1))
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "learning.csv", "claims.json", "summary.json", "subproblems.npz",
+    }  # fmt: skip
+
+
+def test_a_damaged_checkpoint_is_refused_with_what_to_do(tmp_path):
+    stop_at(tmp_path, "three-state", 6)
+    path = tmp_path / FOLDER / "cpgrl.npz"
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(CheckpointError, match=r"cpgrl.npz should be .* whole; found .*\. --anew starts over"):
+        reproduce("three-state", tmp_path)
+
+
+def cpgrl(out, *options):
+    settings = {name: getattr(CHAIN, name) for name in ("runs", "episodes", "steps", "record_every", "record")}
+    words = [word for name, value in settings.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    return CliRunner().invoke(app, ["reproduce", "three-state", *words, "--jobs", "1", "--out", str(out), *options])
+
+
+def test_the_command_says_that_it_goes_on_or_starts_over(tmp_path, undisturbed):
+    out = tmp_path / "out"
+    stop_at(out, "three-state", 6)
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept)
+    done = cpgrl(out)
+    assert (done.exit_code, done.stderr) == (0, f"Going on where {out} was left; --anew starts over.\n")
+    assert contents(out) == undisturbed["three-state"]
+    (kept / FOLDER / "cpgrl.npz").write_bytes(b"")
+    refused = cpgrl(kept)
+    assert refused.exit_code == 2
+    assert refused.stderr.splitlines()[-1].endswith("--anew starts over")
+    anew = cpgrl(kept, "--anew")
+    assert (anew.exit_code, anew.stderr) == (0, "")
+    assert contents(kept) == undisturbed["three-state"]
+    assert not (kept / "unfinished").exists()
+
+
+@pytest.mark.parametrize("every", ["-1", "nan", "inf"])
+def test_an_interval_that_is_none_is_refused(every, tmp_path):
+    refused = cpgrl(tmp_path / "out", "--checkpoint-every", every)
+    assert refused.exit_code == 2
+    assert refused.stderr.startswith("cpgrl: checkpoint_every should be a finite number of seconds ≥ 0; found")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="kills process groups")
+@pytest.mark.parametrize(("kind", "settings"), [
+    ("three-state", ["--runs", "4", "--episodes", "3000"]),
+    ("arm", ["--runs", "2", "--episodes", "600", "--conditions", "a,b"]),
+])  # fmt: skip
+def test_the_command_killed_at_random_moments_with_any_jobs(kind, settings, tmp_path, start_cpgrl):
+    words = ["reproduce", kind, *settings, "--checkpoint-every", "0.1"]
+    whole = start_cpgrl(*words, "--jobs", "2", "--out", tmp_path / "whole")
+    whole.communicate(timeout=600)
+    rng, kills = np.random.default_rng(5), 0
+    for _ in range(30):
+        process = start_cpgrl(*words, "--jobs", str(rng.integers(1, 4)), "--out", tmp_path / "killed")
+        until, limit = rng.uniform(2, 12), time.monotonic() + 600
+        begun = time.monotonic()
+        while process.poll() is None and time.monotonic() < min(begun + until, limit) and kills < 5:
+            time.sleep(0.01)
+        if kills < 5 and process.poll() is None:
+            os.kill(process.pid, signal.SIGKILL)
+            kills += 1
+            process.communicate(timeout=600)
+            continue
+        process.communicate(timeout=600)
+        assert process.returncode == 0
+        break
+    assert kills >= 1
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
