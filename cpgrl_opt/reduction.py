@@ -37,6 +37,10 @@ _RANK, _ROUNDING = 1e-26, 2.0**-97
 # Rung 2 loses 2⁻¹⁰⁰ ‖L⁻¹‖_F² of an answer: 1e-12 here, with rows 3e-9 rad from opposing. At 1e-11 rad answers were off
 # by 1e-8, at 1e-13 by a quarter, and no referee sees it: rows so close hardly tell one direction from the other.
 _CLEAR = 1e-18
+# Of a kind without pairs K in float64 has to do, which leaves 1e-14 or so of exact dependence: rows either depend, or
+# stand as clear as on rung 1. With 1e-15 rounding would count as a row of its own; a row that is within 1e-6 rad of the
+# others and counts as dependent is off by as much, which the certificate sees.
+_ROUGH_RANK = 1e-12
 # Where L of the rows that are named has no larger singular value, rows depend: 1e-9 where they stand clear, or eps.
 _DEPENDENT = 1e-12
 # Squared lengths beyond these leave float64, or lose digits as subnormal numbers.
@@ -129,9 +133,8 @@ def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear
 
     clear: the least 1/‖L⁻¹‖_F² that "pairs" takes, L of rows that do not depend on each other.
     """
-    K = _pair(vectors.gramian().copy()) if rung == "gramian" else vectors.gramian_in_pairs()
-    if K is None:
-        return None
+    is_rough = rung == "gramian" or not vectors.has_pairs
+    K = _pair(vectors.gramian().copy()) if is_rough else vectors.gramian_in_pairs()
     squares = np.where(np.append(True, on), K.hi.diagonal(), 0.0)
     if not ((squares == 0.0) | ((squares > _LEAST) & (squares < _MOST))).all():  # which NaN is not
         return None
@@ -147,7 +150,7 @@ def coordinates(vectors: Vectors, on: Bool[np.ndarray, "m"], rung: str, *, clear
     else:
         exponents = np.frexp(0.5 * scales)[1]
         K = Pair(*(np.ldexp(part, -exponents - exponents[:, None]) for part in K))
-        found = _factor_in_pairs(K, lengths, clear)
+        found = _factor_in_pairs(K, lengths, *((1.0 / _APART, _ROUGH_RANK) if is_rough else (clear, _RANK)))
     if found is None:
         return None
     factor, basis = found
@@ -174,7 +177,7 @@ def _factor(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.
     return Pair(L, K.lo), basis
 
 
-def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float) -> tuple[Pair, np.ndarray] | None:
+def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float, least: float) -> tuple[Pair, np.ndarray] | None:
     """L of the rows, the farthest from the span so far first, and then g; and the rows that span.
 
     None where a row neither depends on the others nor stands clear of them, or ‖L⁻¹‖_F² exceeds 1/clear.
@@ -183,7 +186,7 @@ def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float) -> tuple[Pair, 
     left, basis, factor, smallest = list(rows), list[int](), _zeros(K.hi.shape), 1.0
     while left:
         row = left[int(np.argmax(K.hi[left, left]))]
-        if not K.hi[row, row] > _RANK:
+        if not K.hi[row, row] > least:
             break
         smallest = min(smallest, K.hi[row, row])
         K = _eliminate(K, row, factor, len(basis))
@@ -192,7 +195,7 @@ def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float) -> tuple[Pair, 
     L = factor.rounded()[basis, : len(basis)]
     if not np.square(np.linalg.inv(L)).sum() <= 1.0 / clear:  # what no pivot shows of many rows: Kahan's, for one
         return None
-    if K.hi[0, 0] > max(_RANK, _ROUNDING / np.sqrt(smallest)):
+    if K.hi[0, 0] > max(least, _ROUNDING / np.sqrt(smallest)):
         _eliminate(K, 0, factor, len(basis))
     for part in factor:  # what rounding leaves of 0
         for k in range(len(basis)):

@@ -21,6 +21,9 @@ from ..vectors import REPRESENTABLE, is_long
 from .gramian_core import solve_by_gramian
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
+# What may be left of what depends, where K in float64 has to tell (see `reduction`): as little as in pairs. With 1e-9
+# rows 1e-12 rad from opposing would be met within the tolerance by directions half as long as the right one away.
+_CANCELLED = 1e-13
 
 
 def solve_in_span(
@@ -41,6 +44,8 @@ def solve_in_span(
         small = coordinates(vectors, on, rung)
         if small is None:
             continue
+        name = rung if vectors.has_pairs else RUNGS[0]
+        limit = tolerance if name == rung else min(tolerance, _CANCELLED)
         given = small.gradient, small.jacobian, problem.bound, problem.equality
         reduced = DirectionProblem.trusted(*given, problem.radius)
         found = solve(reduced)
@@ -53,18 +58,25 @@ def solve_in_span(
                 if certificate.length**2 > REPRESENTABLE and not problem.is_representable(value):
                     continue
                 left = replace(found, value=value, multipliers=multipliers, status=Status.UNCERTIFIED, residuals=None)
-                if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
-                    return replace(found, value=value, multipliers=multipliers, rung=rung, residuals=residuals)
+                if worst <= limit and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
+                    return replace(found, value=value, multipliers=multipliers, rung=name, residuals=residuals)
         elif found.status in _SETTLED:
             value, certificate = vectors.combine(small.weights(found.value), found.multipliers)
             unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
-            if small.holds(found.value, certificate, unit):
-                return replace(found, value=value, rung=rung)
+            holds = small.holds(found.value, certificate, unit)
+            if holds and (name == rung or _cancels(problem, small, found.multipliers)):
+                return replace(found, value=value, rung=name)
     if not vectors.has_rows:
         return left or nothing(problem, Status.UNCERTIFIED)
     g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
     whole = DirectionProblem.trusted(g, J, problem.bound, problem.equality, problem.radius)
     return in_form(problem, solve(whole), rung="rows")
+
+
+def _cancels(problem: DirectionProblem, small: Coordinates, y: Multipliers) -> bool:
+    """Whether Jᵀy = 0 up to rounding, measured as it is formed: of rows that count as dependent K does not tell."""
+    length = problem.vectors.combine(Pair(np.append(0.0, y), np.zeros(1 + problem.m)), y)[1].length
+    return bool(length <= _CANCELLED * (np.abs(y) @ small.lengths[1:]))
 
 
 def _recoveries(small: Coordinates, problem: DirectionProblem, found: Direction) -> Iterator[tuple[Pair, Multipliers]]:

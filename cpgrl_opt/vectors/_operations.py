@@ -20,7 +20,7 @@ class VectorOperations(Protocol):
 
     The answer's d is what `lincomb` returns. Optional: `n`, the number of parameters, for `problem.n`; and both
     `gramian_in_pairs() -> (hi, lo)`, K to 106 bits, and `lincomb_in_pairs(hi, lo)`, the combination with such weights,
-    rounded once. Without them dependent rows, and rows within 1e-2 rad or so of it, are UNCERTIFIED.
+    rounded once. Without them rows that nearly depend, within 1e-2 rad or so of it, are UNCERTIFIED.
     """
 
     def gramian(self) -> ArrayLike:
@@ -78,17 +78,20 @@ class OperationVectors(Vectors):
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             return _checked(self.gradient.gramian())
 
-    def find_gramian_in_pairs(self) -> Pair | None:
+    @property
+    def has_pairs(self) -> bool:
+        """Whether the object has."""
+        return hasattr(self.gradient, "gramian_in_pairs") and hasattr(self.gradient, "lincomb_in_pairs")
+
+    def find_gramian_in_pairs(self) -> Pair:
         """The object's own."""
-        if not hasattr(self.gradient, "gramian_in_pairs") or not hasattr(self.gradient, "lincomb_in_pairs"):
-            return None
         hi, lo = self.gradient.gramian_in_pairs()
         return Pair(_checked(hi), real_values("gramian_in_pairs()", lo).copy())
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """By the object, which then measures what it formed."""
-        in_pairs = weights.lo.any()
-        d = self.gradient.lincomb_in_pairs(*weights) if in_pairs else self.gradient.lincomb(weights.hi)
+        in_pairs = self.has_pairs and weights.lo.any()
+        d = self.gradient.lincomb_in_pairs(*weights) if in_pairs else self.gradient.lincomb(weights.rounded())
         return d, self.measure(d, forces)
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:

@@ -39,20 +39,20 @@ class Sharded(Vectors):
     jacobian = None  # it is in the parts
 
     def __init__(self, gradient: Any, jacobian: Any = None, *, gather: Gather = gather_by_torch) -> None:
-        self._gather, failure, (m, n), is_finite = gather, None, (0, 0), True
+        self._gather, failure, (m, n), is_finite, has_pairs = gather, None, (0, 0), True, True
         try:
             self.part = _part_of(gradient, jacobian)
-            (m, n), is_finite = self.part.shape, self.part.are_finite()
+            (m, n), is_finite, has_pairs = self.part.shape, self.part.are_finite(), self.part.has_pairs
         except Exception as error:  # raised when the others know
             failure = error
-        said = np.array(gather(np.array([failure is not None, m, n, not is_finite], np.float64)))
+        said = np.array(gather(np.array([failure is not None, m, n, not is_finite, has_pairs], np.float64)))
         _require_success(failure, said[:, 0])
         if len({*said[:, 1]}) > 1:
             raise ValueError(f"all ranks should have one number of rows; found {said[:, 1].astype(int).tolist()}")
         if not said[:, 2].any():
             raise ValueError("gradient should have at least one component; found none on any rank")
         self._not_finite = np.flatnonzero(said[:, 3])
-        self._shape = m, int(said[:, 2].sum())
+        self._shape, self._has_pairs = (m, int(said[:, 2].sum())), bool(said[:, 4].all())
 
     @property
     def gradient(self) -> Any:
@@ -89,16 +89,17 @@ class Sharded(Vectors):
         count = 1 + self._shape[0]
         return self._sum(_GRAMIAN, [], count**2, lambda: self.part.gramian().ravel()).hi.reshape(count, count)
 
-    def find_gramian_in_pairs(self) -> Pair | None:
-        """The same in pairs; None where a part has none."""
+    @property
+    def has_pairs(self) -> bool:
+        """Where all parts have."""
+        return self._has_pairs
+
+    def find_gramian_in_pairs(self) -> Pair:
+        """The same in pairs."""
         count = 1 + self._shape[0]
-
-        def find() -> np.ndarray:
-            pairs = self.part.gramian_in_pairs()
-            return np.full(2 * count**2, np.nan) if pairs is None else np.ravel(pairs)
-
-        hi, lo = (part.reshape(2, count, count) for part in self._sum(_PAIRS, [], 2 * count**2, find))
-        return Pair(hi[0], lo[0]).plus(Pair(hi[1], lo[1])) if np.isfinite(hi).all() else None
+        sums = self._sum(_PAIRS, [], 2 * count**2, lambda: np.ravel(self.part.gramian_in_pairs()))
+        hi, lo = (part.reshape(2, count, count) for part in sums)
+        return Pair(hi[0], lo[0]).plus(Pair(hi[1], lo[1]))
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """The part of d on this rank; the sums are NaN where a part is not finite in its dtype."""

@@ -39,6 +39,11 @@ class Vectors:
     has_rows: ClassVar[bool] = False  # whether g and J can be put together as arrays of float64
 
     @property
+    def has_pairs(self) -> bool:
+        """Whether K and combinations can be had in pairs."""
+        return True
+
+    @property
     def shape(self) -> tuple[int, int]:
         """(m, n)."""
         raise NotImplementedError
@@ -59,8 +64,8 @@ class Vectors:
         """K in float64."""
         raise NotImplementedError
 
-    def find_gramian_in_pairs(self) -> Pair | None:
-        """K to 106 bits before cancellation; None where the kind cannot."""
+    def find_gramian_in_pairs(self) -> Pair:
+        """K to 106 bits before cancellation, where the kind has pairs."""
         raise NotImplementedError
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
@@ -96,7 +101,7 @@ class Vectors:
             found = vars(self)["_gramian"] = self.find_gramian()
         return found
 
-    def gramian_in_pairs(self) -> Pair | None:
+    def gramian_in_pairs(self) -> Pair:
         """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
         return self.find_gramian_in_pairs()
 

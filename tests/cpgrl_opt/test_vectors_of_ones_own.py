@@ -120,10 +120,11 @@ def test_steps_are_those_of_arrays(formulation: str) -> None:
 
 
 NEAR = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 1e-3, 0.0, 0.0]])
+NEARER = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 5e-4, 0.0, 0.0]])
 TWICE = np.array([[1.0, 2.0, 3.0, 4.0], [-1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
 
 
-@pytest.mark.parametrize("V", [NEAR, TWICE])
+@pytest.mark.parametrize("V", [NEAR, NEARER])
 def test_rows_that_nearly_depend_need_pairs(V: np.ndarray) -> None:
     expected = solve(DirectionProblem(V[0], V[1:], [0.5, 0.5]))
     answer = solve(DirectionProblem(InPairs(V), bound=[0.5, 0.5]))
@@ -141,9 +142,43 @@ def test_rows_that_nearly_depend_need_pairs(V: np.ndarray) -> None:
     assert again.counts["skipped"] == 0
 
 
-def test_contradictions_are_found() -> None:
-    V = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
-    assert solve(DirectionProblem(InPairs(V), bound=1.0)).status == Status.INFEASIBLE
+def sum_to_zero(seed: int) -> np.ndarray:
+    V = draw(seed, 200)[0]
+    V[3] = -V[1] - V[2]
+    return V
+
+
+@pytest.mark.parametrize("V", [TWICE, sum_to_zero(0), sum_to_zero(1), draw(5, n=2)[0]])
+def test_rows_that_depend_need_no_pairs(V: np.ndarray) -> None:
+    bound = np.full(len(V) - 1, -0.25)
+    for settings in ({}, {"equality": True, "bound": 0.0}, {"radius": 0.5}):
+        arguments = {"bound": bound, **settings}
+        expected = solve(DirectionProblem(V[0], V[1:], **arguments))
+        answer = solve(DirectionProblem(Kept(V), **arguments))
+        assert answer.status == expected.status == Status.OPTIMAL
+        assert answer.rung == "gramian"
+        np.testing.assert_allclose(answer.value, expected.value, atol=1e-10 * float(np.linalg.norm(V[0])))
+    values = np.append(0.0, bound)
+    expected, result = (ConstrainedStep()(Linearization(values, each), 0.0 * bound) for each in (V, Kept(V)))
+    np.testing.assert_allclose(result.change, expected.change, atol=1e-10)
+
+
+OPPOSING = np.array([[0.0, 0.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("kind", [Kept, InPairs])
+def test_contradictions_are_found(kind: Any) -> None:
+    assert solve(DirectionProblem(kind(OPPOSING), bound=1.0)).status == Status.INFEASIBLE
+    assert solve(DirectionProblem(kind(OPPOSING), bound=1.0, radius=5.0)).status == Status.INFEASIBLE
+
+
+@pytest.mark.parametrize("theta", [1e-7, 1e-8])
+def test_rows_that_seem_to_contradict_each_other_are_not_called_infeasible(theta: float) -> None:
+    V = OPPOSING.copy()
+    V[2, 1] = theta
+    assert solve(DirectionProblem(V[0], V[1:], 1.0)).status == Status.OPTIMAL
+    assert solve(DirectionProblem(Kept(V), bound=1.0)).status == Status.UNCERTIFIED
+    assert solve(DirectionProblem(InPairs(V), bound=1.0)).status == Status.OPTIMAL
 
 
 class Wrong(Kept):

@@ -127,7 +127,7 @@ def test_what_is_sent_grows_with_the_rows_alone() -> None:
         sent.append(ranks.sent)
     channels = 4
     each = 8 * (2 + 3 * channels + 2 * channels**2)
-    assert sent[0] == sent[1] == [[32, each, each]] * 2  # the parts' shapes, K, and the sums of d
+    assert sent[0] == sent[1] == [[40, each, each]] * 2  # the parts' shapes, K, and the sums of d
 
 
 def test_a_rank_may_have_no_parameters() -> None:
