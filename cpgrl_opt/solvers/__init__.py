@@ -19,7 +19,7 @@ from .infeasibility import infeasible_direction
 from .interface import DirectionSolver, ask, refereed, solve_stacked, unsupported, vouch_for
 from .nnls import NNLS
 from .osqp import OSQP
-from .packages import MissingPackageError, UnusablePackageError, has_package, import_failure
+from .packages import MissingPackageError, UnusablePackageError, has_package, is_installed, is_usable, obstacle
 from .rosen import Rosen
 from .rosen_drop import RosenDrop
 from .span import solve_in_span
@@ -110,33 +110,6 @@ def _checked(solver: DirectionSolver | str) -> DirectionSolver:
     if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
         raise ValueError(f"solver should be a name or have a method solve(problem); found {solver!r}")
     return solver
-
-
-def is_installed(solver: DirectionSolver) -> bool:
-    """Whether the packages behind a solver are there; True for a solver that names none. Imports nothing.
-
-    Whether they can be imported too, `obstacle` finds out.
-    """
-    return all(map(has_package, facts_of(solver).packages))
-
-
-def obstacle(solver: DirectionSolver) -> str:
-    """Why a solver cannot be used: "not installed" or "broken: …", where … says why; "" where it can.
-
-    A package that is there may lack a system library, which only its import tells: it is imported here.
-    """
-    if not is_installed(solver):
-        return "not installed"
-    for package in facts_of(solver).packages:
-        reason = import_failure(package)
-        if reason is not None:
-            return f"broken: {reason}"
-    return ""
-
-
-def is_usable(solver: DirectionSolver) -> bool:
-    """Whether the packages behind a solver are there and can be imported; imports them."""
-    return not obstacle(solver)
 
 
 __all__ = [

@@ -32,11 +32,6 @@ class Facts:
         self.packages = named if named[0] is not None else ()
 
     @property
-    def tolerance(self) -> float:
-        """`tolerance_of` the solver."""
-        return tolerance_of(self.solver)
-
-    @property
     def has_warm_start(self) -> bool:
         """Whether it has a `session` with a setting warm_start."""
         session = getattr(self.solver, "session", None)

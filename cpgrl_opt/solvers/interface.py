@@ -6,8 +6,7 @@ look at the flag), or what is written after the flag was turned, stays in the co
 themselves, read-only too. What somebody else's solver returns is checked for its form.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -53,8 +52,7 @@ def ask(solver: Any, problem: DirectionProblem) -> Direction:
     if type(solver) in _OURS:
         answer: Direction = solver.solve(problem)
         return answer
-    with _writing_explained(solver):
-        found = solver.solve(problem.copied())
+    found = _ask_with_copies(solver, solver.solve, problem)
     return in_form(solver, as_direction, found, problem.n, problem.m)
 
 
@@ -63,16 +61,14 @@ def ask_batch(solver: Any, problems: ProblemBatch) -> DirectionBatch:
     if type(solver) in _OURS:
         answers: DirectionBatch = solver.solve_batch(problems)
         return answers
-    with _writing_explained(solver):
-        found = solver.solve_batch(problems.copied())
+    found = _ask_with_copies(solver, solver.solve_batch, problems)
     count, m, n = problems.jacobian.shape
     return in_form(solver, as_directions, found, count, n, m)
 
 
-@contextmanager
-def _writing_explained(solver: Any) -> Iterator[None]:
+def _ask_with_copies(solver: Any, method: Callable[[Any], Any], problems: DirectionProblem | ProblemBatch) -> Any:
     try:
-        yield
+        return method(problems.copied())
     except ValueError as error:
         if "read-only" not in str(error):  # NumPy's word for it, and Cython's
             raise

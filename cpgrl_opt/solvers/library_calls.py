@@ -25,8 +25,8 @@ def call_quadprog(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     """Goldfarb and Idnani's method; rows of C are ≥, the equalities first."""
     from quadprog import solve_qp
 
-    matrix, bound, order = _stack(small, small.equality)
-    hessian, equalities = np.eye(len(small.center)), int(small.equality.sum())
+    matrix, bound, order, equalities = _stack(small, small.equality)
+    hessian = np.eye(len(small.center))
     try:
         x, _, _, iterations, duals, _ = solve_qp(hessian, small.center, -matrix.T, -bound, equalities, **options)
     except ValueError as error:
@@ -41,8 +41,7 @@ def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     import clarabel
     from scipy.sparse import csc_matrix
 
-    matrix, bound, order = _stack(small, small.equality)
-    equalities = int(small.equality.sum())
+    matrix, bound, order, equalities = _stack(small, small.equality)
     settings = clarabel.DefaultSettings()
     for name, value in {"verbose": False, **options}.items():
         setattr(settings, name, value)
@@ -63,9 +62,8 @@ def call_scs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     import scs
     from scipy.sparse import csc_matrix
 
-    matrix, bound, order = _stack(small, small.equality)
+    matrix, bound, order, equalities = _stack(small, small.equality)
     data = {"P": csc_matrix(np.eye(len(small.center))), "c": -small.center, "A": csc_matrix(matrix), "b": bound}
-    equalities = int(small.equality.sum())
     cone = {name: size for name, size in (("z", equalities), ("l", len(bound) - equalities)) if size > 0}
     solve = partial(scs.solve, data, cone, **{"verbose": False, **options})
     result = run_alone(solve, lambda result: result["info"]["status_val"] == _SCS_SIGINT)
@@ -91,7 +89,7 @@ def call_highs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     solver = _Highs()
     for name, value in {"output_flag": False, **options}.items():
         solver.setOptionValue(name, value)
-    matrix, bound, order = _stack(small, ~small.equality)
+    matrix, bound, order, _ = _stack(small, ~small.equality)
     solver.passModel(_highs_model(small.center, matrix, np.where(small.equality[order], bound, -np.inf), bound))
     with ThreadPoolExecutor(max_workers=1) as own_thread:
         own_thread.submit(solver.run).result()
@@ -166,11 +164,13 @@ def failure_named(status: object) -> Status:
     return Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED
 
 
-def _stack(small: SmallProblem, first: Bool[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "p"]]:
-    """A_E and −A_I, b_E and −b_I, the rows where `first` is True above the others; and their order."""
+def _stack(
+    small: SmallProblem, first: Bool[np.ndarray, "p"]
+) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "p"], int]:
+    """A_E and −A_I, b_E and −b_I, rows where `first` is True above the others; their order, and how many are first."""
     order = _order(first)
     sign = np.where(small.equality[order], 1.0, -1.0)
-    return sign[:, None] * small.rows[order], sign * small.bound[order], order
+    return sign[:, None] * small.rows[order], sign * small.bound[order], order, int(first.sum())
 
 
 def _order(first: Bool[np.ndarray, "p"]) -> Int[np.ndarray, "p"]:

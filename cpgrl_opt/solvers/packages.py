@@ -36,6 +36,33 @@ def has_package(package: str) -> bool:
     return find_spec(package) is not None
 
 
+def is_installed(solver: Any) -> bool:
+    """Whether the packages behind a solver are there; True for a solver that names none. Imports nothing.
+
+    Whether they can be imported too, `obstacle` finds out.
+    """
+    return all(map(has_package, facts_of(solver).packages))
+
+
+def obstacle(solver: Any) -> str:
+    """Why a solver cannot be used: "not installed" or "broken: …", where … says why; "" where it can.
+
+    A package that is there may lack a system library, which only its import tells: it is imported here.
+    """
+    if not is_installed(solver):
+        return "not installed"
+    try:
+        require_packages(solver)
+    except UnusablePackageError as error:
+        return f"broken: {error.args[-1]}"
+    return ""
+
+
+def is_usable(solver: Any) -> bool:
+    """Whether the packages behind a solver are there and can be imported; imports them."""
+    return not obstacle(solver)
+
+
 def require_packages(solver: Any) -> None:
     """Imports what the solver stands on. Raises MissingPackageError, UnusablePackageError."""
     packages = facts_of(solver).packages
@@ -47,18 +74,8 @@ def require_package(solver: str, package: str, extra: str = "solvers") -> None:
     """Imports `package`. Raises MissingPackageError, UnusablePackageError."""
     if not has_package(package):
         raise MissingPackageError(solver, package, extra)
-    if (reason := import_failure(package)) is not None:
-        raise UnusablePackageError(solver, package, str(reason)) from reason
-
-
-def import_failure(package: str) -> ImportError | None:
-    """The ImportError that importing `package` raises, or None on success."""
     try:
         import_module(package)
-    except ImportError as reason:
-        return reason
     except Exception as reason:  # whatever a third party raises as it is imported
-        failure = ImportError(f"{type(reason).__name__}: {reason}")
-        failure.__cause__ = reason
-        return failure
-    return None
+        text = str(reason) if isinstance(reason, ImportError) else f"{type(reason).__name__}: {reason}"
+        raise UnusablePackageError(solver, package, text) from reason

@@ -26,7 +26,7 @@ TINY = Request(solvers=["active-set", "nnls", "scs"], families=["zero-rows*"], p
 def test_it_writes_the_files_says_what_is_missing_and_does_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "scs")
+    monkeypatch.setattr("cpgrl_opt.solvers.packages.has_package", lambda package: package != "scs")
     said: list[str] = []
     run_command(TINY, tmp_path, jobs=1, anew=False, say=said.append)
     assert said[0].startswith("scs is not installed")

@@ -92,7 +92,7 @@ def test_distances_are_in_the_unit_of_the_problem(geometry: dict, off: float, di
 
 
 def test_a_missing_package_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "scs")
+    monkeypatch.setattr("cpgrl_opt.solvers.packages.has_package", lambda package: package != "scs")
     assert installed(["active-set", "scs", "active-set"]) == (("active-set",), {"scs": "not installed"})
 
 

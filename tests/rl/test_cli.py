@@ -33,7 +33,7 @@ def test_version_is_the_packages():
 
 def test_solvers_lists_every_solver_with_what_it_takes_and_guarantees(monkeypatch):
     """The whole table, in the order of the registry, on a machine that has all packages but the one of highs."""
-    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != SOLVERS["highs"].package)
+    monkeypatch.setattr("cpgrl_opt.solvers.packages.has_package", lambda package: package != SOLVERS["highs"].package)
     result = CliRunner().invoke(app, ["solvers"], env={"COLUMNS": "300"})
     assert result.exit_code == 0
     header, *rows = [
@@ -134,7 +134,6 @@ def test_a_file_in_the_place_of_the_directory_is_refused(tmp_path):
 
 
 def test_a_solver_that_is_not_installed_says_what_to_type(tmp_path, monkeypatch):
-    monkeypatch.setattr("cpgrl_opt.solvers.has_package", lambda package: package != "daqp")
     monkeypatch.setattr("cpgrl_opt.solvers.packages.has_package", lambda package: package != "daqp")
     result = cpgrl("reproduce", "three-state", *TINY, "--solver", "daqp", "--out", tmp_path)
     assert result.exit_code == 2
