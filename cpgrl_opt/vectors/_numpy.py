@@ -131,7 +131,7 @@ class LeafVectors(Vectors):
             _blocks().gramian[dtype].machine_code(*where, K)
         return K
 
-    def find_gramian_in_pairs(self) -> Pair:
+    def gramian_in_pairs(self) -> Pair:
         """In one pass."""
         K = Pair(self._square(), self._square())
         for dtype, _, where in self._where:

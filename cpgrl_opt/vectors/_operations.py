@@ -83,7 +83,7 @@ class OperationVectors(Vectors):
         """Whether the object has."""
         return hasattr(self.gradient, "gramian_in_pairs") and hasattr(self.gradient, "lincomb_in_pairs")
 
-    def find_gramian_in_pairs(self) -> Pair:
+    def gramian_in_pairs(self) -> Pair:
         """The object's own."""
         hi, lo = self.gradient.gramian_in_pairs()
         return Pair(_checked(hi), real_values("gramian_in_pairs()", lo).copy())

@@ -94,7 +94,7 @@ class Sharded(Vectors):
         """Where all parts have."""
         return self._has_pairs
 
-    def find_gramian_in_pairs(self) -> Pair:
+    def gramian_in_pairs(self) -> Pair:
         """The same in pairs."""
         count = 1 + self._shape[0]
         sums = self._sum(_PAIRS, [], 2 * count**2, lambda: np.ravel(self.part.gramian_in_pairs()))

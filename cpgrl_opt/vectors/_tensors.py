@@ -54,7 +54,7 @@ class TensorVectors(TreeVectors):
             K = _torch.add_inner(K, g, J)
         return np.asarray(K.cpu().numpy())
 
-    def find_gramian_in_pairs(self) -> Pair:
+    def gramian_in_pairs(self) -> Pair:
         """In one pass."""
         K = Pair(self._square(), self._square())
         for g, J in self.leaves:

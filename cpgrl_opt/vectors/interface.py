@@ -32,7 +32,7 @@ class Certificate:
 class Vectors:
     """g and the rows of J, of whatever kind: what every kind offers, and what follows from it.
 
-    A kind brings `shape`, `are_finite`, `is_zero`, `channels`, `find_gramian`, `find_gramian_in_pairs`, `form` and
+    A kind brings `shape`, `are_finite`, `is_zero`, `channels`, `find_gramian`, `gramian_in_pairs`, `form` and
     `measure`. Weights are of g first, then of each row.
     """
 
@@ -64,8 +64,8 @@ class Vectors:
         """K in float64."""
         raise NotImplementedError
 
-    def find_gramian_in_pairs(self) -> Pair:
-        """K to 106 bits before cancellation, where the kind has pairs."""
+    def gramian_in_pairs(self) -> Pair:
+        """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖, where the kind has pairs."""
         raise NotImplementedError
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
@@ -100,10 +100,6 @@ class Vectors:
         if found is None:
             found = vars(self)["_gramian"] = self.find_gramian()
         return found
-
-    def gramian_in_pairs(self) -> Pair:
-        """K, each entry to about 2⁻¹⁰⁰ ‖vᵢ‖‖vⱼ‖."""
-        return self.find_gramian_in_pairs()
 
     def lengths(self) -> Float[np.ndarray, "channels"]:
         """Of g and of each row; over- or underflows with their squares."""

@@ -9,20 +9,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-import torch.distributed as distributed
 
 from cpgrl_opt import DirectionProblem, solve
 from cpgrl_opt.vectors import Sharded, gather_by_torch
 
 
 def part(rank: int, count: int) -> tuple[Any, Any]:
+    import torch  # here, since whoever collects tests imports this file
+
     V = torch.from_numpy(np.random.default_rng(0).integers(-9, 10, (4, 40)) / 8.0)
     mine = V.tensor_split(count, dim=1)[rank]
     return mine[0], mine[1:]
 
 
 def work(rank: int, count: int, folder: Path) -> None:
+    from torch import distributed
+
     distributed.init_process_group(
         "gloo", init_method=f"file://{folder}/meeting", rank=rank, world_size=count, timeout=timedelta(seconds=30)
     )

@@ -47,7 +47,7 @@ class Own(Small):
     """One that offers pairs too."""
 
     def gramian_in_pairs(self) -> Pair:
-        return self.vectors.find_gramian_in_pairs()
+        return self.vectors.gramian_in_pairs()
 
     def lincomb_in_pairs(self, hi: np.ndarray, lo: np.ndarray) -> Any:
         return self.vectors.form(Pair(hi, lo), hi)[0]

@@ -49,7 +49,7 @@ def test_sums_are_those_of_the_compiled_passes(
     given = tree(V[0], dtype), tree(V[1:], dtype) if stacked else [tree(row, dtype) for row in V[1:]]
     ours, others = TensorVectors(*given), TreeVectors(*given)
     np.testing.assert_allclose(ours.gramian(), others.gramian(), rtol=1e-13)
-    for part, other in zip(ours.find_gramian_in_pairs(), others.find_gramian_in_pairs(), strict=True):
+    for part, other in zip(ours.gramian_in_pairs(), others.gramian_in_pairs(), strict=True):
         np.testing.assert_array_equal(part, other)
     for lo in (np.zeros(4), np.full(4, 1e-17)):
         weights, mu = Pair(np.array([1.0, 0.5, 0.0, -2.0 / 3.0]), lo), np.array([0.5, 0.0, -0.6])

@@ -62,7 +62,7 @@ class Kept:
 
 class InPairs(Kept):
     def gramian_in_pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        return ArrayVectors(self.V[0], self.V[1:]).find_gramian_in_pairs()
+        return ArrayVectors(self.V[0], self.V[1:]).gramian_in_pairs()
 
     def lincomb_in_pairs(self, hi: np.ndarray, lo: np.ndarray) -> Any:
         return products(self.V.T.copy(), hi).plus(Pair(lo @ self.V, np.zeros(self.n))).rounded()
