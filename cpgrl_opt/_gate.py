@@ -30,7 +30,7 @@ def check_arrays(
     packed = _pack(gradient, jacobian, bound, axes)
     if packed is not None:
         g, J, b = packed
-        return g, J, b, _no_equality(b.shape) if equality is False else _check_equality(equality, b.shape)
+        return g, J, b, _check_equality(equality, b.shape)
     g, J = finite_array("gradient", gradient, axes), finite_array("jacobian", jacobian, axes + 1)
     require_gradient_shape(g, J.shape)
     return freeze(g), freeze(J), *check_bounds(bound, equality, J.shape[:-1])
@@ -59,11 +59,6 @@ def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarr
     start, end = gradient.size, gradient.size + jacobian.size
     g, J, b = packed[:start], packed[start:end].reshape(shape), packed[end:]
     return (g, J, b) if axes == 1 else (g.reshape(gradient.shape), J, b.reshape(bound.shape))
-
-
-@lru_cache(maxsize=32)
-def _no_equality(shape: tuple[Any, ...]) -> np.ndarray:
-    return _spread(False, shape)
 
 
 def require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None:
@@ -158,9 +153,10 @@ def _check_equality(equality: Any, shape: tuple[Any, ...]) -> np.ndarray:
     return freeze(_of_each_row("equality", mask_array, equality, shape))
 
 
+@lru_cache(maxsize=32, typed=True)  # 0.0 is not False
 def _spread(value: float | bool, shape: tuple[Any, ...]) -> np.ndarray:
-    """One value for all, quickly where it is 0: np.full takes as long as a solve."""
-    return freeze(np.zeros(shape, type(value)) if value == 0 else np.full(shape, value))
+    """One value for all, made once: np.full takes as long as a solve, and nobody can write to it."""
+    return freeze(np.full(shape, value))
 
 
 def _of_each_row(

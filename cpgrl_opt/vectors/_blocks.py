@@ -40,7 +40,7 @@ _COLUMNS = 16
 # Of bfloat16 the bits.
 _DTYPES = {np.dtype(np.float64): "f8", np.dtype(np.float32): "f4", np.dtype(np.uint16): "u2"}
 _WHERE, _VECTOR = "Array(i8, 3, 'C', readonly=True)", "Array(f8, 1, 'C', readonly=True)"
-_LIKE = "{}[::1]"  # an empty array of the leaves' dtype
+_LIKE = "{0}[::1]"  # an empty array of the leaves' dtype
 _PLACES, _SQUARE = "Array(i8, 2, 'C', readonly=True)", "f8[:, ::1]"
 
 
@@ -111,15 +111,17 @@ def _compiled_rounded(number: Any, like: Any) -> Any:  # noqa: ARG001 - numba go
     return lambda number, like: number  # noqa: ARG005
 
 
-@_pass("Array({}, 2, 'A', readonly=True)", "i8[:, ::1]")
-def locate(rows: Any, places: Any) -> None:
-    """The first places ← of each row the address, bytes from one number to the next, numbers, and bytes of one.
+@_pass("Array({0}, 1, 'A', readonly=True)", "Array({0}, 2, 'A', readonly=True)", "i8[:, ::1]")
+def locate(first: Any, rows: Any, places: Any) -> None:
+    """The first places ← address, bytes from one number to the next, numbers, and bytes of one; of each vector.
 
     NumPy's `__array_interface__` takes several times as long: it describes what nobody reads.
     """
+    places[0, 0], places[0, 1], places[0, 2] = first.ctypes.data, first.strides[0], first.shape[0]
     for i in range(rows.shape[0]):
-        places[i, 0] = rows.ctypes.data + i * rows.strides[0]
-        places[i, 1], places[i, 2], places[i, 3] = rows.strides[1], rows.shape[1], rows.itemsize
+        places[1 + i, 0] = rows.ctypes.data + i * rows.strides[0]
+        places[1 + i, 1], places[1 + i, 2] = rows.strides[1], rows.shape[1]
+    places[: 1 + rows.shape[0], 3] = first.itemsize
 
 
 @_plain

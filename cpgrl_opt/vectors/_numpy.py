@@ -20,6 +20,7 @@ LEAST_PRODUCTS = 1_000_000
 
 BFLOAT16 = np.dtype(np.uint16)  # its bits: NumPy knows no such numbers, see `_bfloat16`
 DTYPES = np.dtype(np.float64), np.dtype(np.float32)
+_NO_ROWS = {dtype: np.empty((0, 0), dtype) for dtype in (*DTYPES, BFLOAT16)}
 Leaf = tuple[Any, Any]
 REPRESENTABLE = 1e76  # of d·d: up to here no entry of d leaves float32 or bfloat16, which end at 3e38
 
@@ -172,17 +173,21 @@ def _arrays(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> tuple[np.n
 def _locate(leaves: list[Leaf]) -> np.ndarray:
     """(leaves, 1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
     where, dtype = np.empty((len(leaves), 1 + len(leaves[0][1]), 4), np.int64), leaves[0][0].dtype
-    if dtype not in (*DTYPES, BFLOAT16):
+    if dtype not in _NO_ROWS:
         raise ValueError(f"vectors should be of float64, float32 or bfloat16; found {dtype}")
-    locate = _blocks().locate[dtype].machine_code
+    locate, no_rows = _blocks().locate[dtype].machine_code, _NO_ROWS[dtype]
     for places, (g, J) in zip(where, leaves, strict=True):
         count = len(g)
-        for first, array in enumerate(_arrays(g, J)):
+        for array in _arrays(g, J):
             if array.dtype != dtype or array.shape[-1] != count:  # what lies at an address nobody checks again
                 raise ValueError(
                     f"vectors should be of {count} numbers of {dtype}; found {array.dtype}, shape {array.shape}"
                 )
-            locate(array if array.ndim == 2 else array[None], places[first:])
+        if isinstance(J, tuple):
+            for i, array in enumerate((g, *J)):
+                locate(array, no_rows, places[i:])
+        else:
+            locate(g, J, places)
     return where
 
 
@@ -190,7 +195,8 @@ def _places(parts: list[np.ndarray], leaves: list[int]) -> np.ndarray:
     """(leaves, 4): the same of arrays whose numbers lie side by side."""
     where = np.empty((len(leaves), 4), np.int64)
     for i, k in enumerate(leaves):
-        _blocks().locate[parts[k].dtype].machine_code(parts[k][None], where[i:])
+        dtype = parts[k].dtype
+        _blocks().locate[dtype].machine_code(parts[k], _NO_ROWS[dtype], where[i:])
     return where
 
 
