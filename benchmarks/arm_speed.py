@@ -17,15 +17,16 @@ The arm's episodes end by chance, so contenders differ in length of episode as w
 """
 
 import argparse
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from tables import machine, table, write
+from turns import time_in_turns
 
 from cpgrl_opt.solvers import compile_kernels
 from envs import TwoLinkArm
@@ -92,24 +93,22 @@ CONTENDERS: dict[str, tuple[Callable[[int, int], Iterator[Estimate]], int, int]]
 
 def measure(scale: float = 1.0, repetitions: int = 3) -> list[Row]:
     """Every contender, `scale` times its usual number of episodes; the best of the repetitions, taken in turns."""
-    rows: dict[str, Row] = {}
     compile_kernels()
     for run, runs, _ in CONTENDERS.values():
         list(run(runs, 1))  # compiles, or loads from the cache
-    for _ in range(repetitions):
-        for method, (run, runs, usual) in CONTENDERS.items():
-            found = timed(method, run, runs, max(int(usual * scale), 1))
-            if method not in rows or found.microseconds_per_step < rows[method].microseconds_per_step:
-                rows[method] = found
-    return [rows[method] for method in CONTENDERS]
+    sizes = {method: (runs, max(int(usual * scale), 1)) for method, (_, runs, usual) in CONTENDERS.items()}
+    works = {method: partial(steps_of, run, *sizes[method]) for method, (run, _, _) in CONTENDERS.items()}
+    seconds, steps = time_in_turns(works, repetitions)
+    return [row_of(method, min(seconds[method]), steps[method], *sizes[method]) for method in CONTENDERS]
 
 
-def timed(method: str, run: Callable[[int, int], Iterator[Estimate]], runs: int, episodes: int) -> Row:
-    """One repetition."""
-    begun, steps = time.process_time(), 0
-    for estimate in run(runs, episodes):
-        steps += int(estimate.steps.sum())
-    seconds = time.process_time() - begun
+def steps_of(run: Callable[[int, int], Iterator[Estimate]], runs: int, episodes: int) -> int:
+    """How many steps its episodes have."""
+    return sum(int(estimate.steps.sum()) for estimate in run(runs, episodes))
+
+
+def row_of(method: str, seconds: float, steps: int, runs: int, episodes: int) -> Row:
+    """The line of a method that made so many steps in so many seconds."""
     return Row(
         method=method,
         runs=runs,

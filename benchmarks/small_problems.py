@@ -14,7 +14,6 @@ CPU seconds, contenders in turns, medians. Limitations: one shape, rows well apa
 
 import argparse
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -24,6 +23,7 @@ from typing import Any
 import numpy as np
 from qpsolvers import solve_qp
 from tables import machine, table, write
+from turns import time_in_turns
 
 from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, ProblemBatch, Status
 from cpgrl_opt.solvers import compile_kernels
@@ -57,19 +57,17 @@ def batched_rosen(g: np.ndarray, J: np.ndarray) -> np.ndarray:
     return tangents
 
 
-def time_in_turns(works: dict[str, Callable[[], Any]], repetitions: int, calls: int) -> dict[str, float]:
+def measure_works(works: dict[str, Callable[[], Any]], repetitions: int, calls: int) -> dict[str, float]:
     """Median CPU microseconds of a call."""
-    found: dict[str, list[float]] = {name: [] for name in works}
-    for work in works.values():
-        for _ in range(30 if calls > 1 else 1):  # compiles, and fills the caches
+
+    def repeat(work: Callable[[], Any], times: int) -> None:
+        for _ in range(times):
             work()
-    for _ in range(repetitions):
-        for name, work in works.items():
-            begun = time.process_time_ns()
-            for _ in range(calls):
-                work()
-            found[name].append((time.process_time_ns() - begun) / calls / 1e3)
-    return {name: statistics.median(times) for name, times in found.items()}
+
+    for work in works.values():
+        repeat(work, 30 if calls > 1 else 1)  # compiles, and fills the caches
+    seconds, _ = time_in_turns({name: partial(repeat, work, calls) for name, work in works.items()}, repetitions)
+    return {name: 1e6 * statistics.median(times) / calls for name, times in seconds.items()}
 
 
 def measure_one(repetitions: int) -> list[Row]:
@@ -84,7 +82,7 @@ def measure_one(repetitions: int) -> list[Row]:
         "restoring": lambda: steps["restoring"](Linearization(values, A), thresholds),
         "equality": lambda: steps["equality"](Linearization(values, A), thresholds),
     }
-    times = time_in_turns(works, repetitions, calls=100)
+    times = measure_works(works, repetitions, calls=100)
     failed = int(works["direction"]().status != Status.OPTIMAL)
     bars = {"direction": 1 / 1.7, "restoring": 1.0, "equality": 1.3}
     beside = times["quadprog"]
@@ -97,7 +95,7 @@ def measure_batch(repetitions: int, count: int) -> Row:
     g, J = rng.normal(size=(count, N)), rng.normal(size=(count, M, N))
     problems = ProblemBatch(g, J)
     works = {"batch": lambda: SOLVER.solve_batch(problems), "rosen": lambda: batched_rosen(g, J)}
-    times = time_in_turns(works, repetitions, calls=1)
+    times = measure_works(works, repetitions, calls=1)
     failed = int(np.count_nonzero(SOLVER.solve_batch(problems).status))
     ours, beside = times["batch"] / count, times["rosen"] / count
     return Row(f"batch of {count}", ours, "NumPy's batched Rosen", beside, ours / beside, 1 / 0.8, failed)

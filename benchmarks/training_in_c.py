@@ -20,14 +20,15 @@ import os
 import shutil
 import subprocess
 import tempfile
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from tables import machine, table, write
+from turns import time_in_turns
 
 from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.solvers import compile_kernels
@@ -95,16 +96,12 @@ def in_c(flags: str, folder: Path) -> Training:
 def measure(episodes: int = 10_000, repetitions: int = 15) -> list[Row]:
     """Ours first, then C by flags; ValueError where they do not reach the same θ."""
     compile_kernels()
-    seconds, thetas = {}, {}
     with tempfile.TemporaryDirectory() as folder:
         contenders = {"rl.train": ours} | {f"C, {flags}": in_c(flags, Path(folder)) for flags in FLAGS}
         for run in contenders.values():
             run(1)  # compiles, or loads from the cache
-        for _ in range(repetitions):
-            for method, run in contenders.items():
-                start = time.process_time()
-                thetas[method] = run(episodes)
-                seconds.setdefault(method, []).append(time.process_time() - start)
+        works = {method: partial(run, episodes) for method, run in contenders.items()}
+        seconds, thetas = time_in_turns(works, repetitions)
     own = np.array(seconds["rl.train"])
     rows = []
     for method, times in seconds.items():

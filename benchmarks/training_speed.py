@@ -19,14 +19,15 @@ and their median beside it.
 """
 
 import argparse
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from tables import machine, table, write
+from turns import time_in_turns
 
 from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.solvers import compile_kernels
@@ -144,19 +145,16 @@ CONTENDERS: dict[str, tuple[Callable[[int, int], np.ndarray], int, int]] = {
 
 def measure(scale: float = 1.0, repetitions: int = 9) -> list[Row]:
     """Every contender, `scale` times its usual number of episodes; the repetitions are taken in turns."""
-    seconds: dict[str, list[float]] = {method: [] for method in CONTENDERS}
-    thetas: dict[str, np.ndarray] = {}
     compile_kernels()
     for run, runs, _ in CONTENDERS.values():
         run(runs, 1)  # compiles, or loads from the cache
-    for _ in range(repetitions):
-        for method, (run, runs, usual) in CONTENDERS.items():
-            episodes = scaled(usual, scale)
-            start = time.process_time()
-            thetas[method] = run(runs, episodes)
-            elapsed = time.process_time() - start
-            seconds[method].append(elapsed / (runs * episodes * STEPS))
-    return [row(method, seconds[method], seconds[ACADEMIC], thetas[method], scale) for method in CONTENDERS]
+    works = {method: partial(run, runs, scaled(usual, scale)) for method, (run, runs, usual) in CONTENDERS.items()}
+    seconds, thetas = time_in_turns(works, repetitions)
+    per_step = {
+        method: [each / (runs * scaled(usual, scale) * STEPS) for each in seconds[method]]
+        for method, (_, runs, usual) in CONTENDERS.items()
+    }
+    return [row(method, per_step[method], per_step[ACADEMIC], thetas[method], scale) for method in CONTENDERS]
 
 
 def row(method: str, times: list[float], academic: list[float], theta: np.ndarray, scale: float) -> Row:

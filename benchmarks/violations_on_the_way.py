@@ -49,7 +49,7 @@ _NOTICED = 0.01  # of a threshold
 class Task:
     """What is learned, at which rates; best: the exact optimum, None where nobody knows it.
 
-    look: what is kept of a record, (B, …); judge: of all of these, in order, ρ of (B, moments, 1 + m).
+    look: what is kept of a record, (B, …); rewards: of all of these, in order, ρ of (B, moments, 1 + m).
     """
 
     title: str
@@ -58,7 +58,7 @@ class Task:
     updates: int
     rates: dict[str, float]
     look: Callable[[TrainingRecord], np.ndarray]
-    judge: Callable[[np.ndarray], np.ndarray]
+    rewards: Callable[[np.ndarray], np.ndarray]
     best: float | None = None
 
 
@@ -164,7 +164,7 @@ def learn(task: Task, method: str, seeds: int) -> Course:
     for record in train(learner=learner, episodes=task.updates, runs=seeds, **task.setting):
         seen.append(task.look(record))
         infeasible += record.update.counts["infeasible"]
-    return Course(task, task.judge(np.array(seen)), infeasible)
+    return Course(task, task.rewards(np.array(seen)), infeasible)
 
 
 def measure(name: str, method: str, course: Course) -> list[Row]:

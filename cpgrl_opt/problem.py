@@ -309,21 +309,17 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
             _set_metrics(batch, [validated_metric(metric, self.gradient.shape[1])] * len(self))
         return batch
 
-    def chosen(self, mask: Bool[np.ndarray, "B"]) -> "ProblemBatch":
-        """The problems where the mask is True."""
-        return self._part(mask)
-
     def copied(self) -> "ProblemBatch":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
-        batch = self._part(np.arange(len(self)))
+        batch = self.chosen(np.arange(len(self)))
         if self.whitening is not None:
             pairs = [self._metric_at(k) for k in range(len(self))]
             own = {id(L): _copied_pair(M, L) for M, L in pairs}  # one for all stays one
             _set_metrics(batch, [own[id(L)] for _, L in pairs])
         return batch
 
-    def _part(self, index: Any) -> "ProblemBatch":
-        """The problems of a slice, of a mask or of numbers."""
+    def chosen(self, index: Any) -> "ProblemBatch":
+        """The problems where a mask is True, of a slice, or of these numbers."""
         radii = None if self.radius is None else read_only(self.radius[index])
         g, J, b, E = (np.ascontiguousarray(array[index]) for array in _arrays(self))
         part = ProblemBatch.trusted(g, J, b, E, radii)
@@ -345,7 +341,7 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
     def __getitem__(self, index: slice) -> "ProblemBatch": ...
     def __getitem__(self, index: int | slice) -> "DirectionProblem | ProblemBatch":
         if isinstance(index, slice):
-            return self._part(index)
+            return self.chosen(index)
         g, J, b, E = (array[index] for array in _arrays(self))
         problem = DirectionProblem.trusted(g, J, b, E, None if self.radius is None else float(self.radius[index]))
         if self.whitening is not None:

@@ -69,7 +69,7 @@ def _cvxpy(problem: DirectionProblem) -> Direction:
     for mask, is_equality, constraint in parts:
         if constraint.dual_value is not None:
             multipliers[mask] = (-1.0 if is_equality else 1.0) * constraint.dual_value
-    verdict = None if statement.status == cvxpy.OPTIMAL else failure_named(statement.status)
+    verdict = failure_named(statement.status)
     return _claimed(problem, SmallAnswer(d.value, multipliers, failure=verdict))
 
 

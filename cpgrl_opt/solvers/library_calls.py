@@ -17,7 +17,7 @@ from ..direction import Status
 from .interrupts import run_alone
 from .small_problem import SmallAnswer, SmallProblem
 
-_SCS_SIGINT, _SCS_SOLVED = -5, 1
+_SCS_SIGINT = -5
 BROKEN = SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR)  # the library gave up without an answer
 
 
@@ -53,7 +53,7 @@ def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     except Exception:  # it names no class of its own
         return BROKEN
     result = solver.solve()
-    failure = None if result.status == clarabel.SolverStatus.Solved else failure_named(result.status)
+    failure = failure_named(result.status)
     return _answer(small, order, result.x, np.array(result.z), failure)
 
 
@@ -68,7 +68,7 @@ def call_scs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     solve = partial(scs.solve, data, cone, **{"verbose": False, **options})
     result = run_alone(solve, lambda result: result["info"]["status_val"] == _SCS_SIGINT)
     info = result["info"]
-    failure = None if info["status_val"] == _SCS_SOLVED else failure_named(info["status"])
+    failure = failure_named(info["status"])
     return _answer(small, order, result["x"], result["y"], failure, info["iter"])
 
 
@@ -155,9 +155,14 @@ def answer_of(small: SmallProblem, solution: Any) -> SmallAnswer:
     return _answer(small, order, solution.x, np.concatenate(duals), failure, int(np.max(iterations)))
 
 
-def failure_named(status: object) -> Status:
-    """A library's own status in our terms, e.g. PIQP_MAX_ITER_REACHED, MaxIterations, PrimalInfeasible, user_limit."""
+def failure_named(status: object) -> Status | None:
+    """A library's own status in our terms, e.g. PIQP_MAX_ITER_REACHED, MaxIterations, PrimalInfeasible, user_limit.
+
+    None where it claims to have solved the problem.
+    """
     text = str(status).lower().replace("_", "")
+    if text in ("solved", "optimal"):
+        return None
     if "infeasible" in text:
         return Status.INFEASIBLE
     is_limit = any(limit in text for limit in ("maxiter", "maxtime", "userlimit"))

@@ -52,7 +52,7 @@ class CVXPY(SmallSolver):
             iterations = _solve(statement, options)
         except cvxpy.SolverError:
             return BROKEN
-        failure = None if statement.status == cvxpy.OPTIMAL else failure_named(statement.status)
+        failure = failure_named(statement.status)
         if x.value is None:
             return SmallAnswer(None, None, iterations, failure or Status.NUMERICAL_ERROR)
         multipliers = np.zeros(len(small.bound))

@@ -37,11 +37,9 @@ class WithGeometry(Solver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The direction of the problem where M = I, judged on the problem itself; see `Status`."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        if problem.metric is None and problem.radius is None:
-            return self.solve_rows(problem)
-        return solve_in_geometry(self, problem)
+        if problem.metric is not None or problem.radius is not None:
+            return solve_in_geometry(self, problem)
+        return self.solve_rows(problem) if self.supports(problem) else unsupported(problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """B problems of one shape."""
