@@ -34,43 +34,61 @@ def solve_in_span(
     solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
     then the usual problem needs no coordinates.
     """
-    vectors = problem.vectors
-    is_short = problem.is_tree and vectors.has_rows and not is_long(*vectors.shape)  # a short tree is a short problem
-    usual = solve_by_gramian(problem, tolerance) if is_exact and not is_short else None
-    if usual is not None:
-        return usual
-    left, on = None, problem.bound > -inf
-    for rung in () if is_short else RUNGS:
-        small = coordinates(vectors, on, rung)
-        if small is None:
-            continue
-        name = rung if vectors.has_pairs else RUNGS[0]
-        limit = tolerance if name == rung else min(tolerance, _CANCELLED)
-        given = small.gradient, small.jacobian, problem.bound, problem.equality
-        reduced = DirectionProblem.trusted(*given, problem.radius)
-        found = solve(reduced)
-        if found.status == Status.OPTIMAL:
-            kappa = 1.0 if problem.radius is None else found.radius_multiplier
-            for weights, multipliers in _recoveries(small, problem, found):
-                value, certificate = vectors.combine(weights, multipliers, kappa)
-                residuals = certified_residuals(certificate, problem, multipliers, small.lengths, kappa)
-                worst = residuals.worst
-                if certificate.length**2 > REPRESENTABLE and not problem.is_representable(value):
-                    continue
-                left = replace(found, value=value, multipliers=multipliers, status=Status.UNCERTIFIED, residuals=None)
-                if worst <= limit and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
-                    return replace(found, value=value, multipliers=multipliers, rung=name, residuals=residuals)
-        elif found.status in _SETTLED:
-            value, certificate = vectors.combine(small.weights(found.value), found.multipliers)
-            unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
-            holds = small.holds(found.value, certificate, unit)
-            if holds and (name == rung or _cancels(problem, small, found.multipliers)):
-                return replace(found, value=value, rung=name)
+    vectors, left = problem.vectors, None
+    if not (problem.is_tree and vectors.has_rows and not is_long(*vectors.shape)):  # a short tree is a short problem
+        usual = solve_by_gramian(problem, tolerance) if is_exact and "gramian" in RUNGS else None
+        if usual is not None:
+            return usual
+        for found in _solve_by_rungs(solve, problem, tolerance):
+            if found.status != Status.UNCERTIFIED:
+                return found
+            left = found
     if not vectors.has_rows:
         return left or nothing(problem, Status.UNCERTIFIED)
     g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
     whole = DirectionProblem.trusted(g, J, problem.bound, problem.equality, problem.radius)
     return in_form(problem, solve(whole), rung="rows")
+
+
+def _solve_by_rungs(
+    solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float
+) -> Iterator[Direction]:
+    """What each rung that is exact enough says; UNCERTIFIED where the vectors' own d does not hold it."""
+    vectors, on = problem.vectors, problem.bound > -inf
+    for rung in RUNGS:
+        small = coordinates(vectors, on, rung)
+        if small is None:
+            continue
+        is_rough = rung != RUNGS[0] and not vectors.has_pairs
+        given = small.gradient, small.jacobian, problem.bound, problem.equality
+        reduced = DirectionProblem.trusted(*given, problem.radius)
+        found = replace(solve(reduced), rung=RUNGS[0] if is_rough else rung)
+        if found.status == Status.OPTIMAL:
+            yield from _certify(problem, small, reduced, found, min(tolerance, _CANCELLED) if is_rough else tolerance)
+        elif found.status in _SETTLED:
+            value, certificate = vectors.combine(small.weights(found.value), found.multipliers)
+            unit = max(float(lengths(found.value)), float(small.lengths[0])) or 1.0
+            holds = small.holds(found.value, certificate, unit)
+            if holds and not (is_rough and not _cancels(problem, small, found.multipliers)):
+                yield replace(found, value=value)
+
+
+def _certify(
+    problem: DirectionProblem, small: Coordinates, reduced: DirectionProblem, found: Direction, tolerance: float
+) -> Iterator[Direction]:
+    """The optimum of the coordinates brought back to the vectors, each way, OPTIMAL where they say so too."""
+    kappa = 1.0 if problem.radius is None else found.radius_multiplier
+    for weights, multipliers in _recoveries(small, problem, found):
+        value, certificate = problem.vectors.combine(weights, multipliers, kappa)
+        residuals = certified_residuals(certificate, problem, multipliers, small.lengths, kappa)
+        worst = residuals.worst
+        if certificate.length**2 > REPRESENTABLE and not problem.is_representable(value):
+            continue
+        claim = replace(found, value=value, multipliers=multipliers, residuals=residuals)
+        if worst <= tolerance and (worst <= EXACT or worst - EXACT <= kkt_residuals(reduced, found).worst):
+            yield claim
+        else:
+            yield replace(claim, status=Status.UNCERTIFIED, residuals=None)
 
 
 def _cancels(problem: DirectionProblem, small: Coordinates, y: Multipliers) -> bool:
