@@ -9,15 +9,16 @@ moved to another group on purpose (`setsid`) escapes. On Windows, which has no g
 import contextlib
 import os
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Sequence
+from subprocess import DEVNULL, PIPE, Popen
 from types import FrameType
 from typing import Any
 
 _HAS_GROUPS = os.name == "posix"
 _END = "os.killpg" if _HAS_GROUPS else "os.kill"
+_TERMINATIONS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 # It outlives the signals that ask its parent to end: only the parent's end matters.
 _GUARD = f"""
 import os, signal, sys
@@ -43,17 +44,12 @@ class ProcessGroup:
     """
 
     def __init__(self, command: Sequence[str], **settings: Any) -> None:
-        self.process: subprocess.Popen[bytes] = subprocess.Popen(command, **_grouped(0), **settings)
+        self.process: Popen[bytes] = Popen(command, **_grouped(0), **settings)
         self._lock = threading.Lock()
         self._is_over = False
+        guard = [sys.executable, "-I", "-S", "-c", _GUARD, str(self.process.pid)]
         try:
-            self._guard = subprocess.Popen(
-                [sys.executable, "-I", "-S", "-c", _GUARD, str(self.process.pid)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                **_grouped(self.process.pid),
-            )
+            self._guard = Popen(guard, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL, **_grouped(self.process.pid))
         except BaseException:
             self.process.kill()
             self.process.wait()
@@ -73,10 +69,8 @@ class ProcessGroup:
                     os.killpg(self.process.pid, signal.SIGKILL)
             self.process.kill()
             self.process.wait()
-            self._guard.kill()
-            self._guard.wait()
-            if self._guard.stdin is not None:
-                self._guard.stdin.close()
+            with self._guard:  # which closes its pipe, and waits for it
+                self._guard.kill()
             self._is_over = True
 
 
@@ -86,10 +80,8 @@ def exit_on_termination() -> Iterator[None]:
 
     A handler that somebody else has set stays, and so do all in any thread but the main one, where Python forbids it.
     """
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        numbers = []
-    changed = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]
+    is_main = threading.current_thread() is threading.main_thread()
+    changed = [number for number in _TERMINATIONS if is_main and signal.getsignal(number) == signal.SIG_DFL]
     for number in changed:
         signal.signal(number, _exit)
     try:
@@ -100,9 +92,8 @@ def exit_on_termination() -> Iterator[None]:
 
 
 def _exit(number: int, _: FrameType | None) -> None:
-    for each in ("SIGTERM", "SIGHUP"):  # a second signal does not interrupt the cleaning up
-        if hasattr(signal, each):
-            signal.signal(getattr(signal, each), signal.SIG_IGN)
+    for each in _TERMINATIONS:  # a second signal does not interrupt the cleaning up
+        signal.signal(each, signal.SIG_IGN)
     raise SystemExit(128 + number)
 
 

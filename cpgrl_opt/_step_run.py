@@ -8,7 +8,7 @@ import numpy as np
 from .arrays import Bool, Float, Int
 from .direction import DirectionBatch, DirectionError, Status
 from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
-from .formulation import FORMULATIONS, ActiveConstraints, least_norm_restorations
+from .formulation import FORMULATIONS, ActiveConstraints
 from .problem import ProblemBatch
 from .recovery import recover
 from .scaling import lengths
@@ -78,15 +78,13 @@ class StepRun:
         """The factor with αₑ‖J⁺t‖, and with a restoration inside αₑ‖v‖, v of `cone`, ≤ max_restoration."""
         if self.formulation.takes_all:
             constraints = replace(constraints, active=constraints.active & (constraints.target > 0.0))
-        factor = self.shorten(self.measure(Rosen(), least_norm_restorations(constraints)), n)
-        if self.formulation.restores_inside:
-            v = self.measure(ActiveSet(), least_norm_restorations(constraints, "cone"))
-            factor = np.minimum(factor, self.shorten(v, n))
+        solvers: dict[str, DirectionSolver] = {"equality": Rosen(), "cone": ActiveSet()}
+        factor = np.ones(self.runs)
+        for name in list(solvers) if self.formulation.restores_inside else ["equality"]:
+            problems = FORMULATIONS[name].problems(constraints, 0.0)[self.runs :]
+            found = self.hand_on(problems, solve_batch(solvers[name], problems), np.arange(self.runs))
+            factor = np.minimum(factor, self.shorten(found.value, n))
         return factor
-
-    def measure(self, solver: DirectionSolver, problems: ProblemBatch) -> Float[np.ndarray, "B n"]:
-        """The restorations, to be measured; a failure is treated as one of the step's own."""
-        return self.hand_on(problems, solve_batch(solver, problems), np.arange(self.runs)).value
 
     def shorten(self, moves: Float[np.ndarray, "B any"], n: int) -> Float[np.ndarray, "B"]:
         """The factor ≤ 1 with αₑ‖v‖ ≤ max_restoration in the n parameters; what a ridge adds to them moves no θ."""

@@ -102,8 +102,3 @@ FORMULATIONS = {
     "restoring": Formulation(is_equality=False, restores_inside=True),
     "linearized": Formulation(is_equality=False, restores_inside=True, takes_all=True),
 }
-
-
-def least_norm_restorations(constraints: ActiveConstraints, formulation: str = "equality") -> ProblemBatch:
-    """v = J⁺ t on the active rows: argmin ½‖v‖² s.t. J v = t; J v ≥ t for "cone". Source: eq. 10, v = −d."""
-    return FORMULATIONS[formulation].problems(constraints, 0.0)[len(constraints.target) :]

@@ -154,7 +154,7 @@ class ConstrainedStep(StepSettings):
             proof = np.empty((*runs, m)), np.empty((*runs, 4)), np.empty((*runs, m))
             given, found = _stack(runs, gradients, slack, active), _stack(runs, flat, change, *proof)
             if move.run(*given, direct, *found):
-                return usual_result(change, active, flat, *proof)
+                return usual_result(change, active, flat, proof)
         return StepRun(self, observe, count).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
 
     def _active(self, slack: np.ndarray, previous: ArrayLike | None) -> Bool[np.ndarray, "*runs m"]:

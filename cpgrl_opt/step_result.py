@@ -56,16 +56,14 @@ def usual_result(
     change: Float[np.ndarray, "*runs n"],
     active: Bool[np.ndarray, "*runs m"],
     flat: Int[np.ndarray, "*runs"],
-    multipliers: Float[np.ndarray, "*runs m"] | None = None,
-    residuals: Float[np.ndarray, "*runs 4"] | None = None,
-    predicted_slack: Float[np.ndarray, "*runs m"] | None = None,
+    proof: Sequence[np.ndarray | None] = (None, None, None),
 ) -> StepResult:
-    """What `direct_step.move` did: nothing but `flat` is counted."""
+    """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
     result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
     known = vars(result)
     known["change"], known["active"], known["stationary"] = change, active, np.zeros(flat.shape, np.bool_)
     known["counts"] = {**_counted_nothing(flat.shape), "flat": flat}
-    known["multipliers"], known["residuals"], known["predicted_slack"] = multipliers, residuals, predicted_slack
+    known["multipliers"], known["residuals"], known["predicted_slack"] = proof
     return result
 
 

@@ -55,10 +55,7 @@ class StepSettings(CheckedSettings):
         if self.step_size is None:
             object.__setattr__(self, "step_size", _WITHOUT_RADIUS if self.radius is None else _WITH_RADIUS)
         self._check_numbers()
-        if FORMULATIONS[self.formulation].restores_inside:
-            self._check_rates()
-        if self.formulation == "linearized":
-            self._check_linearized()
+        self._check_formulation()
         if self.radius is not None and not facts_of(self.solver).takes_geometry:
             raise ValueError(
                 f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
@@ -104,24 +101,22 @@ class StepSettings(CheckedSettings):
             require_positive("radius", self.radius)
         super().__post_init__()
 
-    def _check_rates(self) -> None:
-        """Of a restoration inside the tangent problem, whose bounds are rates over α₁."""
-        if self.step_size == 0:
+    def _check_formulation(self) -> None:
+        of = FORMULATIONS[self.formulation]
+        if of.restores_inside and self.step_size == 0:
             raise ValueError(
                 f"step_size should be > 0 with formulation {self.formulation!r}, which divides by it; found 0"
             )
-        if not float(self.restoration_rate) / float(self.step_size) < np.inf:  # type: ignore[arg-type]
+        if of.restores_inside and not float(self.restoration_rate) / float(self.step_size) < np.inf:  # type: ignore[arg-type]
             raise ValueError(
                 f"restoration_rate / step_size should be finite with formulation {self.formulation!r}; found "
                 f"{self.restoration_rate!r} / {self.step_size!r}"
             )
-
-    def _check_linearized(self) -> None:
-        if self.ridge > 0:
+        if of.takes_all and self.ridge > 0:
             raise ValueError(
                 f"ridge should be 0 with formulation 'linearized', whose bounds it would soften; found {self.ridge!r}"
             )
-        if self.rule is not violated:  # a rule that changes the slack and not the set would be taken here
+        if of.takes_all and self.rule is not violated:  # which may change the slack and not the set
             raise ValueError(
                 "rule should be the default with formulation 'linearized', which takes all constraints; found "
                 f"{self.rule!r}"
