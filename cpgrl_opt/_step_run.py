@@ -13,7 +13,6 @@ from .problem import ProblemBatch
 from .recovery import recover
 from .scaling import lengths
 from .solvers import ActiveSet, DirectionSolver, Rosen, solve_batch, tolerance_of
-from .step_kernels import admit, predict
 from .step_result import COUNTS, StepResult
 from .step_settings import CLOSED_FORM, StepSettings
 from .validation import is_finite
@@ -46,8 +45,9 @@ class StepRun:
         if self.settings.radius is not None and len(moves) > 1:
             longest = self.settings.step_size * self.settings.radius  # type: ignore[operator]
             self.counts["long"] += lengths(change) > longest * (1.0 + tolerance_of(self.settings.solver))
-        predicted = np.empty(slack.shape)
-        predict(gradients, slack, change, predicted)
+        with np.errstate(over="ignore", invalid="ignore"):  # in the order of `direct_step.predict`
+            terms = np.concatenate([slack[:, :, None], gradients[:, 1:] * change[:, None]], axis=2)
+            predicted = np.add.accumulate(terms, axis=2)[:, :, -1].copy()
         active = multipliers > 0.0 if self.formulation.takes_all else active
         residuals = np.max([each.residuals for each in moves], axis=0)  # type: ignore[arg-type]
         return StepResult(change, active, still, self.counts, multipliers, residuals, predicted)
@@ -56,13 +56,13 @@ class StepRun:
         self, gradients: Float[np.ndarray, "B channels n"], slack: np.ndarray, active: np.ndarray
     ) -> ActiveConstraints:
         """𝒜 without the constraints whose gradient is 0, and t = −min(slack, 0); with its ridge, if it has one."""
-        target, kept = np.empty(slack.shape), np.empty(slack.shape, np.bool_)
-        is_extreme = admit(gradients, slack, active, target, kept, self.counts["flat"])
-        constraints = ActiveConstraints(gradients, target, kept, np.zeros(slack.shape, np.int64))
+        kept = active & gradients[:, 1:].any(axis=2)
+        self.counts["flat"] += np.count_nonzero(active & ~kept, axis=1)
+        constraints = ActiveConstraints(gradients, np.maximum(-slack, 0.0), kept, np.zeros(slack.shape, np.int64))
         if self.settings.ridge > 0:
             self.counts["softened"] += kept.any(axis=1)
             return constraints.softened(self.settings.ridge)
-        return constraints.balanced() if is_extreme else constraints
+        return constraints.balanced()
 
     def limit(self, constraints: ActiveConstraints, slack: np.ndarray, n: int) -> ActiveConstraints:
         """t within `max_restoration`; αₑ t − κ max(slack, 0) in its place where all constraints are in."""
@@ -98,13 +98,12 @@ class StepRun:
         settings, count = self.settings, len(runs)
         inside = 1.0 if self.formulation.takes_all else settings.restoration_rate  # which `limit` has taken in
         problems = self.formulation.problems(constraints, inside / settings.step_size if settings.step_size else 0.0)
-        kinds = [slice(0, count), slice(count, None)][: 1 if self.formulation.restores_inside else 2]
+        is_inside = self.formulation.restores_inside
         if settings.radius is None:
             answers = self.solve_certified(problems, runs)
-            return [answers[kind] for kind in kinds]
-        balls = settings.radius, None
-        parts = [problems[kind].in_geometry(None, radius) for kind, radius in zip(kinds, balls, strict=False)]
-        return [self.solve_certified(part, runs) for part in parts]
+            return [answers] if is_inside else [answers[:count], answers[count:]]
+        answers = self.solve_certified(problems[:count].in_geometry(None, settings.radius), runs)
+        return [answers] if is_inside else [answers, self.solve_certified(problems[count:], runs)]
 
     def solve_certified(self, problems: ProblemBatch, runs: Int[np.ndarray, "chosen"]) -> DirectionBatch:
         """Answers that are OPTIMAL or INFEASIBLE, the rest handed on as `on_failure` says; failures counted."""

@@ -29,8 +29,7 @@ def violated(
     margin: Number = 0.0,
 ) -> Bool[np.ndarray, "*runs m"]:
     """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3)."""
-    if margin != 0.0:
-        require_nonnegative("margin", margin)
+    require_nonnegative("margin", margin)
     return np.asarray(real_values("slack", slack) <= margin)
 
 

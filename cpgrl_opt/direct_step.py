@@ -10,15 +10,62 @@ from pathlib import Path
 
 import numpy as np
 
+from .drop_rule import NEGLIGIBLE
+from .formulation import LARGE
 from .machine_code import forget_outdated_kernels
 from .solvers.compiled._direct import SHARP, WEIGHT, solve_problem
-from .solvers.compiled._entry_point import entry_point, kernel
-from .step_kernels import admit, mark_vanishing, predict
+from .solvers.compiled._entry_point import entry_point, inlined
 
 _FOLDER = Path(__file__).parent
-_SOURCES = (_FOLDER / "step_kernels.py", *(_FOLDER / "solvers" / "compiled").glob("*.py"))
-forget_outdated_kernels(_FOLDER, "direct_step*", _SOURCES)
-_admit, _mark_vanishing, _predict = (kernel(each.function) for each in (admit, mark_vanishing, predict))
+forget_outdated_kernels(_FOLDER, "direct_step*", (_FOLDER / "solvers" / "compiled").glob("*.py"))
+
+
+@inlined
+def admit(gradients, slack, active, target, kept, flat):
+    """Target ← −min(slack, 0); kept ← active without constraints whose gradient is 0; flat ← their number, by run.
+
+    Returns whether a row that is kept is too large or too small for its multiplier.
+    """
+    runs, m = active.shape
+    extreme = False
+    for b in range(runs):
+        flat[b] = 0
+        for i in range(m):
+            target[b, i] = max(-slack[b, i], 0.0)
+            kept[b, i] = False
+            if active[b, i]:
+                largest = 0.0
+                for x in gradients[b, 1 + i]:
+                    largest = max(largest, abs(x))
+                kept[b, i] = largest > 0.0
+                extreme = extreme or (largest > 0.0 and not 1.0 / LARGE < largest < LARGE)
+                flat[b] += not kept[b, i]
+    return extreme
+
+
+@inlined
+def vanishes(tangent, gradient):
+    """Whether ‖s‖ ≤ NEGLIGIBLE ‖Δ¹‖; the largest entry first, as squares may overflow."""
+    largest, limit, squares, square = 0.0, 0.0, 0.0, 0.0
+    for j in range(len(gradient)):
+        largest, limit = max(largest, abs(tangent[j])), max(limit, abs(gradient[j]))
+    if largest > NEGLIGIBLE * len(gradient) * limit:  # the usual case, seen without a square
+        return False
+    if largest > 0.0 and limit > 0.0:
+        for j in range(len(gradient)):
+            squares, square = squares + (tangent[j] / largest) ** 2, square + (gradient[j] / limit) ** 2
+    return largest * np.sqrt(squares) <= NEGLIGIBLE * (limit * np.sqrt(square))
+
+
+@inlined
+def predict(gradients, slack, change, predicted):
+    """Predicted (B, m) ← slack + J · change."""
+    runs, m = slack.shape
+    for b in range(runs):
+        for i in range(m):
+            predicted[b, i] = slack[b, i]
+            for j in range(change.shape[1]):
+                predicted[b, i] += gradients[b, 1 + i, j] * change[b, j]
 
 
 @entry_point(
@@ -40,9 +87,9 @@ def move(gradients, slack, active, settings, flat, change, multipliers, residual
     m = channels - 1
     target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
     considered = np.ones((runs, m), np.bool_) if takes_all else active
-    if _admit(gradients, slack, considered, target, kept, flat):  # rows beyond 2^±400
+    if admit(gradients, slack, considered, target, kept, flat):
         return False
-    g, value, rest, vanishes = np.empty((1, n)), np.empty((1, n)), np.empty((1, n)), np.empty(1, np.bool_)
+    g, value, rest = np.empty((1, n)), np.empty((1, n)), np.empty((1, n))
     bound, equality = np.empty(m), np.empty(m, np.bool_)
     gram, factor, small = np.empty((m, m)), np.empty((m, m)), np.empty((8, m))
     state, order, parts = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(4)
@@ -66,7 +113,7 @@ def move(gradients, slack, active, settings, flat, change, multipliers, residual
             )  # fmt: skip
             if not (worst <= SHARP and worst <= tolerance):
                 return False
-            if part == 0 and _mark_vanishing(value, gradients[run : run + 1], vanishes):
+            if part == 0 and vanishes(value[0], gradients[run, 0]):
                 return False
             for k in range(4):
                 residuals[run, k] = parts[k] if part == 0 else max(residuals[run, k], parts[k])
@@ -77,7 +124,7 @@ def move(gradients, slack, active, settings, flat, change, multipliers, residual
                 change[run, j] = rate * value[0, j] if part == 0 else change[run, j] + rate * value[0, j]
                 finite = finite and abs(change[run, j]) < inf
     if finite:
-        _predict(gradients, slack, change, predicted)
+        predict(gradients, slack, change, predicted)
         if takes_all:
             for run in range(runs):
                 for i in range(m):

@@ -19,15 +19,16 @@ import numpy as np
 from .arrays import Bool, Float, Int, Number
 from .formulation import FORMULATIONS, ActiveConstraints
 from .projection import largest_multipliers, unit_multipliers
+from .scaling import lengths
 from .solvers import ActiveSet, Rosen, solve_batch
-from .step_kernels import NEGLIGIBLE, mark_vanishing
+
+# What counts as 0 of ‖Δ¹‖: far above rounding, far below what sampling noise leaves.
+NEGLIGIBLE = 1e-10
 
 
 def vanishing(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
     """Whether a move is 0 up to rounding, relative to Δ¹."""
-    found = np.empty(len(moves), np.bool_)
-    mark_vanishing(moves, constraints.gradients, found)
-    return found
+    return lengths(moves) <= NEGLIGIBLE * lengths(constraints.gradients[:, 0])
 
 
 def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Float[np.ndarray, "B n"]:

@@ -17,7 +17,7 @@ import numpy as np
 from .arrays import Bool, Float, Int
 from .problem import ProblemBatch
 
-_LARGEST_EXPONENT = 400  # as `step_kernels.admit` has it
+LARGE = 2.0**400  # rows between 1/LARGE and LARGE can be divided by their squared length without a thought
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,11 @@ class ActiveConstraints:
 
         Nothing changes but these rows' multipliers t/‖Jᵢ‖², which leave float64 for rows beyond 1e±150.
         """
-        _, exponents = np.frexp(np.abs(self.gradients[:, 1:]).max(axis=2, initial=0.0))
-        exponents = np.where(np.abs(exponents) < _LARGEST_EXPONENT, 0, exponents)
+        largest = np.abs(self.gradients[:, 1:]).max(axis=2, initial=0.0)
+        extreme = ~((largest > 1.0 / LARGE) & (largest < LARGE))
+        if not (extreme & self.active).any():
+            return self
+        exponents = np.where(extreme, np.frexp(largest)[1], 0)
         gradients = self.gradients.copy()
         gradients[:, 1:] = np.ldexp(gradients[:, 1:], -exponents[:, :, None])
         return ActiveConstraints(gradients, np.ldexp(self.target, -exponents), self.active, exponents)
@@ -55,12 +58,9 @@ class ActiveConstraints:
 
     def softened(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
-        runs, channels, n = self.gradients.shape
-        m = channels - 1
-        gradients = np.zeros((runs, channels, n + m))
-        gradients[:, :, :n] = self.gradients
-        gradients[:, range(1, channels), range(n, n + m)] = np.sqrt(ridge)
-        return replace(self, gradients=gradients)
+        runs, channels, _ = self.gradients.shape
+        soft = np.sqrt(ridge) * np.eye(channels, channels - 1, -1)
+        return replace(self, gradients=np.concatenate([self.gradients, np.tile(soft, (runs, 1, 1))], axis=2))
 
 
 @dataclass(frozen=True)
