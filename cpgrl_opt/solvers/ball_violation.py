@@ -25,6 +25,8 @@ _CERTIFIED = 1e-9
 # A ball is in the way where x of this κ is longer than its radius. With 1e-7 rows that are 1e-6 rad from opposing, and
 # met far away, are taken for met nowhere, and x stops short of the sphere; with 1e-15 soft rows lie 4e-8 rad apart.
 _LEAST_WEIGHT = 1e-13
+# Where it is known to be in the way, κ is about bθ/radius of rows at θ from opposing: below this float64 sees no θ.
+_LEAST_OF_ALL, _FARTHER = 1e-24, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +56,13 @@ class SoftRows:
         lack = self.bound - self.jacobian @ x
         return np.where(self.gives, np.where(self.equality, lack, np.maximum(lack, 0.0)), 0.0)
 
-    def violate_least(self, radius: float) -> Vector | None:
-        """x on the sphere, by a search for log κ; None where the ball is not in the way."""
-        if norm(self.soften(_LEAST_WEIGHT)) <= radius:
-            return None
+    def violate_least(self, radius: float, *, is_missed: bool = False) -> Vector | None:
+        """x on the sphere, by a search for log κ; None where the ball is not in the way. is_missed: it surely is."""
+        least = _LEAST_WEIGHT
+        while norm(self.soften(least)) <= radius:
+            if not is_missed or least < _LEAST_OF_ALL:
+                return None
+            least *= _FARTHER
         from scipy.optimize import brentq  # first use only: importing the package stays light
 
         def excess(exponent: float) -> float:
@@ -66,7 +71,7 @@ class SoftRows:
         # κ‖x‖² ≤ vᵀJ_V x ≤ ‖v‖ √p ‖x‖, and ‖v‖ is at most what x = 0 leaves of the bounds.
         asked = norm(np.maximum(demand(self.bound, self.equality)[self.gives], 0.0))
         highest = math.log(math.sqrt(len(self.bound)) * asked / radius) + 1.0
-        x = self.soften(math.exp(brentq(excess, math.log(_LEAST_WEIGHT), highest, xtol=1e-15, rtol=1e-15)))
+        x = self.soften(math.exp(brentq(excess, math.log(least), highest, xtol=1e-15, rtol=1e-15)))
         return x * min(1.0, radius / norm(x))  # by rounding beside large bounds it may be 1e-12 outside
 
 
@@ -77,7 +82,7 @@ def least_violation_in_ball(
     on, violation = bound > -np.inf, np.zeros(len(bound))
     soft = SoftRows(rows[on], bound[on], equality[on], np.ones(int(on.sum()), np.bool_))
     try:
-        point = soft.violate_least(1.0)
+        point = soft.violate_least(1.0, is_missed=True)
     except DirectionError:
         point = None
     if point is None:

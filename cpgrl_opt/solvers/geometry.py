@@ -86,7 +86,7 @@ def _solve_whole(solver: RowSolver, problem: DirectionProblem) -> Direction:
     elif problem.metric is not None and tangent is not None:
         quick = climb(flat.problem, solver.tolerance, tangent=tangent)
     found = _try(solver, problem, flat, quick or solve_in_ball(solver.solve_small, flat))
-    if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR):
+    if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR) or tangent is not None:
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
     again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat)

@@ -102,3 +102,14 @@ def test_rows_that_nearly_oppose_each_other_are_as_exact_in_a_ball_as_without(na
         assert answer.residuals is not None
         assert answer.residuals.worst <= 1e-12
         np.testing.assert_allclose(answer.value, 0.5 * plain / np.linalg.norm(plain), atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [1e-6, 1e-9, 1e-10, 1e-11])
+@pytest.mark.parametrize("asked", [1e-6, 1e-3, 0.1])
+def test_rows_that_are_met_far_beyond_the_ball_are_out_of_reach(angle: float, asked: float) -> None:
+    """Met only at 2b/θ: the ball's multiplier in the least violation is about bθ, which no fixed weight is below."""
+    rows = [[1.0, 0.0], [-np.cos(angle), np.sin(angle)]]
+    radius = asked / angle / 100
+    found = ACTIVE_SET.solve(DirectionProblem([1.0, 1.0], rows, [asked, asked], radius=radius))
+    assert found.status == Status.INFEASIBLE
+    assert found.value @ found.value <= (1 + 1e-9) * radius**2
