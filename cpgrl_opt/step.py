@@ -17,7 +17,7 @@ from .direct_step import move
 from .direction import DirectionError
 from .formulation import FORMULATIONS
 from .linearization import Linearization
-from .metric import Whitening
+from .metric import Whitening, validated_metric
 from .metric_operator import OperatorMetric
 from .step_in_span import step_in_metric, step_in_span
 from .step_result import StepResult, skipped_result, stack_results, usual_result
@@ -50,7 +50,8 @@ class ConstrainedStep(StepSettings):
         metric's where there is one). Where rows depend, J⁺ answers by least squares and may be much shorter than the v
         of `cone`: then αₑ‖v‖ ≤ max_restoration too, in `cone`, and in `restoring` and `linearized`, where that v is
         inside. `linearized` shortens what it asks of violated constraints, and J has the rows of these alone. Ours.
-    metric M: (n,) positive, (n, n) symmetric positive definite, or a function v ↦ Mv: s, v and their lengths are taken
+    metric M: (n,) positive, a tree of positive arrays with the structure of the gradients (keys in any order), (n, n)
+        symmetric positive definite, or a function v ↦ Mv: s, v and their lengths are taken
         in it (a natural gradient where M is the Fisher matrix). metric_tolerance, metric_iterations: of M⁻¹ by
         conjugate gradients where M is a function, as in `DirectionProblem`; a run for which they are not enough is
         counted `skipped`. A metric asks nothing of the solver: the gradients are taken to the coordinates where M = I,
@@ -95,7 +96,12 @@ class ConstrainedStep(StepSettings):
     ) -> StepResult:
         """Where M = I, and of few numbers: one array of float64, or the coordinates of the gradients' span."""
         flat, whitening = given, self._whitening
-        if whitening is not None:
+        if self.metric_is_tree:
+            if not given.is_tree:
+                raise ValueError("metric should be an array or a function where gradients are no tree; found a tree")
+            whitening = validated_metric(metric_of_rows(given.vectors[0], self.metric), given.n)[1]
+            flat = given.whitened(whitening)
+        elif whitening is not None:
             require_shape("metric", self.metric, (given.n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
             flat = given.whitened(whitening)
         if callable(self.metric) or flat.is_long:

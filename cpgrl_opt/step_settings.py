@@ -1,6 +1,7 @@
 """Settings of a step, checked once."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -18,6 +19,7 @@ from .settings import CheckedSettings
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, solver_named, tolerance_of
 from .validation import require_member, require_nonnegative, require_positive
 from .vectors import is_long, kind_of
+from .vectors._trees import is_tree
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
 
@@ -65,11 +67,19 @@ class StepSettings(CheckedSettings):
         if callable(self.metric):
             vars(self).update(_metric_bytes=str(id(self.metric)).encode())
         elif self.metric is not None:
-            if isinstance(self.metric, dict):
+            if self.metric_is_tree:  # whose leaves are put in the gradients' order when these are known
+                vars(self).update(metric=deepcopy(self.metric))
                 tree: Any = kind_of(self.metric, [])
-                vars(self).update(metric=tree.whole_gradient())
-            metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
-            vars(self).update(metric=metric, _whitening=whitening, _metric_bytes=metric.tobytes())
+                metric, whitening = validated_metric(row := tree.whole_gradient(), len(row))[0], None
+            else:
+                metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
+                vars(self).update(metric=metric)
+            vars(self).update(_whitening=whitening, _metric_bytes=metric.tobytes())
+
+    @property
+    def metric_is_tree(self) -> bool:
+        """Whether the metric came as a tree of arrays, as gradients do."""
+        return isinstance(self.metric, list | tuple | dict) and is_tree(self.metric)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # What follows from the settings is found anew: older states may lack it, or have it in another form.

@@ -5,6 +5,7 @@ take, "unsupported", enters no share and no mean.
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 UNSAFE = ("silently-wrong", "false-infeasible", "missed-infeasible", "hang", "crash")  # misled, or never answered
-_LEAST_RATIO = 1e-6  # a clock that did not tick between two readings gives 0
+_TEXT = {each.name: str for each in fields(Measurement) if each.type is str}
+_LEAST_RATIO = 1e-6  # also in s: a clock that did not tick between two readings gives 0
 
 
 class ReportPackagesError(ImportError):
@@ -43,7 +45,7 @@ def load(folder: Path | str) -> "pd.DataFrame":
     `report`, FileNotFoundError where there are no measurements, ValueError where their columns are others.
     """
     path = Path(folder) / "measurements.csv"
-    told = {"keep_default_na": False, "na_values": {"distance": [""]}, "encoding_errors": AS_BYTES}
+    told = {"keep_default_na": False, "na_values": {"distance": [""]}, "encoding_errors": AS_BYTES, "dtype": _TEXT}
     frame: pd.DataFrame = pandas().read_csv(path, **told)
     if list(frame.columns) != columns(Measurement):
         raise ValueError(f"{path} should have the columns {columns(Measurement)}; found {list(frame.columns)}")
@@ -63,10 +65,11 @@ def count(table: "pd.DataFrame", by: Sequence[str], ill_posed: Collection[str] =
     largest from the exact direction, on families of which float64 determines it, and on the others.
     """
     is_taken, ill = table["outcome"] != "unsupported", table["family"].isin(list(ill_posed))
-    at_limit = np.maximum(table["ratio"], table["limit"] * table["ratio"] / table["seconds"].where(is_taken))
-    ratio = table["ratio"].where(table["outcome"].isin(SOLVED), at_limit).where(is_taken)
+    ratio, seconds = (table[name].where(is_taken).clip(lower=_LEAST_RATIO) for name in ("ratio", "seconds"))
+    at_limit = np.maximum(ratio, table["limit"] * ratio / seconds)
+    ratio = ratio.where(table["outcome"].isin(SOLVED), at_limit)
     table = table.assign(
-        _log=np.log(ratio.clip(lower=_LEAST_RATIO)),
+        _log=np.log(ratio),
         _near=table["distance"].where(~ill),
         _far=table["distance"].where(ill),
     )

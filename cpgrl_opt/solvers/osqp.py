@@ -43,6 +43,8 @@ class OSQP(SmallSolver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction from a workspace of its own; see `Status`. Raises MissingPackageError."""
+        if problem.n == 0:  # gradients that are an object of somebody's, who did not say how long: by its span
+            return super().solve(problem)
         return self.session(problem.n, problem.m).solve(problem)
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:

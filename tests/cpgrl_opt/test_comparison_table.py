@@ -30,7 +30,10 @@ def chosen(*groups: list[Measurement]) -> str:
 
 
 def test_the_table_of_a_folder_is_that_of_the_measurements(tmp_path: Path) -> None:
-    told = [one("s", 0, distance=1e-17), one("t", 1, "hang", 1 / 3, noise=True, variant="raw")]
+    told = [
+        one("s", 0, distance=1e-17, family="007"),
+        one("t", 1, "hang", 1 / 3, noise=True, variant="raw", family="nan"),
+    ]
     write_measurements(tmp_path / "measurements.csv", told)
     table = load(tmp_path)
     assert list(table.columns) == list(as_table(told).columns)

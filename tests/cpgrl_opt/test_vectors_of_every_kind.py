@@ -440,3 +440,18 @@ def test_a_function_as_metric_may_return_one_buffer_again_and_again(kind: Kind) 
 def test_a_function_as_metric_that_returns_complex_numbers_is_refused() -> None:
     with pytest.raises(ValueError, match="what metric returns should be an array of real numbers"):
         DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=lambda v: v + 1j)
+
+
+def test_a_steps_metric_as_a_tree_is_matched_by_its_keys() -> None:
+    g, other = {"a": np.array([1.0, 2.0]), "b": np.array([3.0, 4.0])}, {"a": np.array([1.0, 0.0]), "b": np.zeros(2)}
+    given = Linearization([0.0, 1.0], [g, other])
+    expected = ConstrainedStep(metric=lambda v: {"a": v["a"], "b": 100.0 * v["b"]})(given, [0.0]).change
+    for metric in ({"a": np.ones(2), "b": np.full(2, 100.0)}, {"b": np.full(2, 100.0), "a": np.ones(2)}):
+        found = ConstrainedStep(metric=metric)(given, [0.0]).change
+        for name in g:
+            np.testing.assert_allclose(found[name], expected[name], rtol=1e-12)
+    for wrong in ({"c": np.ones(2), "d": np.ones(2)}, [np.ones(2), np.ones(2)], {"a": np.ones(2), "b": np.ones(3)}):
+        with pytest.raises(ValueError, match="metric should have"):
+            ConstrainedStep(metric=wrong)(given, [0.0])
+    with pytest.raises(ValueError, match="no tree; found a tree"):
+        ConstrainedStep(metric={"a": np.ones(2)})(Linearization([0.0, 1.0], np.ones((2, 2))), [0.0])
