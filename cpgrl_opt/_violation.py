@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import Float, Mask, Multipliers, Vector
 from .flat import flatten
-from .problem import DirectionProblem
+from .problem import DirectionProblem, require_problem
 from .scaling import demand, norm, unit_rows
 from .validation import real_values, require_shape
 
@@ -74,6 +74,7 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
 
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
+    require_problem(problem)
     d = problem.row_of(d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
@@ -91,6 +92,7 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     it, s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E) and no more than the radius: 0 where d is in the ball and no other point of it
     violates less, Π(d + Ĵᵀr) being a step of projected descent.
     """
+    require_problem(problem)
     d = problem.row_of(d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
@@ -131,6 +133,7 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     With a radius bᵀy > radius ‖Jᵀy‖_M⁻¹ is enough, since yᵀJd ≤ radius ‖Jᵀy‖_M⁻¹ in the ball; then the residual is at
     most max(8·eps·Σ|ŷ|, max(−ŷ)₊ on I) / ((b̂ᵀŷ − radius ‖Ĵᵀŷ‖) / max(|b̂|, radius)). In a metric, where M = I.
     """
+    require_problem(problem)
     y = real_values("y", y)
     require_shape("y", y, (problem.m,))
     if problem.metric is not None and np.isfinite(y).all() and y.any():

@@ -53,7 +53,7 @@ from ._violation import (
 )
 from .arrays import Float, Multipliers, Vector
 from .direction import Direction, KKTResiduals, Status
-from .problem import DirectionProblem
+from .problem import DirectionProblem, require_problem, without_geometry
 from .scaling import norm
 from .validation import real_values, require_shape
 from .vectors import Certificate
@@ -127,18 +127,35 @@ def certify(
     if answer.status == Status.OPTIMAL:
         residuals, seen = _look_and_measure(problem, answer)
         is_granted = residuals.worst <= tolerance
-        if is_granted and seen is not None and is_missed(seen.bound, seen.slack, problem.equality):
+        is_far = seen is not None and is_missed(seen.bound, seen.slack, problem.equality)
+        if is_granted and (is_far or misses_in_its_own_units(problem, answer.value)):
             alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
             is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
-        is_granted = (
-            farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance)
-            and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
-            and is_out_of_reach(problem, answer.value, answer.multipliers)
-        )
+        is_granted = _is_impossible(problem, answer, tolerance)
+        if not is_granted and problem.metric is not None and problem.radius is None and not problem.is_long:
+            is_granted = _is_impossible(without_geometry(problem), answer, tolerance)  # M has no say in it
     if is_granted:
         return replace(answer, status=Status(answer.status), residuals=residuals)
     return replace(answer, status=Status.UNCERTIFIED, residuals=None)
+
+
+def _is_impossible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
+    return (
+        farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance)
+        and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
+        and is_out_of_reach(problem, answer.value, answer.multipliers)
+    )
+
+
+def misses_in_its_own_units(problem: DirectionProblem, d: Vector) -> bool:
+    """Whether d misses a bound where a metric hides it: lengths in M may be 1e7 times the rows' own.
+
+    Of short problems without a ball.
+    """
+    if problem.metric is None or problem.radius is not None or problem.is_long:
+        return False
+    return misses_a_bound(without_geometry(problem), problem.row_of(d))
 
 
 def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) -> KKTResiduals:
@@ -146,6 +163,9 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
 
     Free of the scale of g, of J and of each row. Raises ValueError when value or multipliers have a wrong shape.
     """
+    require_problem(problem)
+    if not isinstance(direction, HasValueAndMultipliers):
+        raise ValueError(f"direction should have value and multipliers; found {direction!r}")
     d, mu = problem.row_of(direction.value), real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.multipliers", mu, (problem.m,))
     kappa = float(getattr(direction, "radius_multiplier", 0.0))

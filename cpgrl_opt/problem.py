@@ -8,7 +8,7 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 2017, eq. 10).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
@@ -197,6 +197,13 @@ class DirectionProblem(_Arrays):
         return len(self.bound)
 
 
+def require_problem(problem: Any) -> DirectionProblem:
+    """The problem; ValueError for what is none."""
+    if not isinstance(problem, DirectionProblem):
+        raise ValueError(f"problem should be a DirectionProblem; found {problem!r}")
+    return problem
+
+
 def nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:
     """Zeros in the form of g that claim nothing."""
     value = problem.vectors.zero() if problem.is_tree else np.zeros(problem.n)
@@ -287,6 +294,9 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
         """The same problems in stacked arrays; ValueError unless there is at least one and all have one shape."""
         if isinstance(problems, cls):
             return problems
+        if not isinstance(problems, Iterable):
+            raise ValueError(f"problems should be a batch or a sequence of problems; found {problems!r}")
+        problems = [require_problem(problem) for problem in problems]
         shapes = {np.shape(problem.jacobian) for problem in problems}
         if len(shapes) != 1 or () in shapes:  # of objects that show no arrays
             raise ValueError(f"problems should have one shape; found {sorted(shapes) or 'no problem'}")

@@ -80,6 +80,8 @@ class ConstrainedStep(StepSettings):
         coordinates. Raises ValueError when thresholds or metric do not fit, DirectionError if so set,
         FloatingPointError where rates times directions overflow.
         """
+        if not isinstance(linearization, Linearization):
+            raise ValueError(f"linearization should be a Linearization; found {linearization!r}")
         limits = real_values("thresholds", thresholds)
         require_shape("thresholds", limits, (linearization.values.shape[-1] - 1,))
         slack = linearization.slack(limits)

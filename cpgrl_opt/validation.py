@@ -102,7 +102,10 @@ def is_number(value: Any) -> bool:
     if isinstance(value, np.ndarray) and value.ndim == 0 and not hasattr(value, "mask"):
         value = value[()]
     is_real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return is_real and not math.isnan(value)
+    try:
+        return is_real and not math.isnan(value)
+    except OverflowError:  # 10**400
+        return False
 
 
 def require_number(name: str, value: Any) -> None:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from ..certify import certify
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch, in_form
+from ..problem import DirectionProblem, ProblemBatch, in_form, require_problem
 from .active_set import ActiveSet
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
@@ -66,8 +66,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     -------
     Direction : d, its multipliers, and a status that stands.
     """
-    if not isinstance(problem, DirectionProblem):
-        raise ValueError(f"problem should be a DirectionProblem; found {problem!r}")
+    require_problem(problem)
     solver = _checked(solver)
     if type(solver) in SELF_JUDGING:
         return solver.solve(problem)

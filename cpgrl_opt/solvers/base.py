@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch
+from ..problem import DirectionProblem, ProblemBatch, require_problem
 from .exact_core import project, project_batch, solve_small_exactly
 from .geometry import RowSolver, solve_batch_in_geometry, solve_in_geometry
 from .interface import no_answers, unsupported
@@ -26,6 +26,8 @@ class Solver(RowSolver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`."""
+        if type(problem) is not DirectionProblem:
+            require_problem(problem)
         if problem.metric is not None or problem.radius is not None:
             return solve_in_geometry(self, problem)
         if problem.is_long:

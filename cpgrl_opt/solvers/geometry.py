@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..certify import certify
+from ..certify import certify, misses_in_its_own_units
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
 from ..flat_span import SpanFlat
@@ -150,8 +150,12 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return nothing(problem, Status.NUMERICAL_ERROR, iterations)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
-    if answer.residuals is not None and (problem.metric is None or getattr(problem.metric, "ndim", 2) == 1):
+    is_of_units = problem.metric is None or getattr(problem.metric, "ndim", 2) == 1
+    if answer.residuals is not None and is_of_units and not misses_in_its_own_units(problem, value):
         found = replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     else:
         found = certify(problem, found, tolerance, infeasible_direction)
+    if found.status == Status.UNCERTIFIED and misses_in_its_own_units(problem, value):
+        impossible = infeasible_direction(problem, iterations)  # as it is without the metric
+        found = found if impossible is None else certify(problem, impossible, tolerance, infeasible_direction)
     return in_form(problem, found) if problem.is_tree else found

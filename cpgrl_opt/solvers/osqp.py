@@ -17,6 +17,9 @@ from .interrupts import run_alone
 from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 
+# OSQP's infinity is 1e30; what is asked for beyond this is out of reach in units where numbers are about 1.
+_LARGEST = 1e28
+
 
 @dataclass(frozen=True, kw_only=True)
 class OSQP(SmallSolver):
@@ -87,8 +90,8 @@ class OSQPSession(SmallSolver):
         A, q = np.zeros((self.m, min(self.n, self.m + 1))), np.zeros(min(self.n, self.m + 1))
         A[:count, :k], q[:k] = small.rows, -small.center
         lower, upper = np.full(self.m, -np.inf), np.full(self.m, np.inf)
-        lower[:count] = small.bound
-        upper[:count][small.equality] = small.bound[small.equality]
+        lower[:count] = np.clip(small.bound, -_LARGEST, _LARGEST)
+        upper[:count][small.equality] = np.clip(small.bound[small.equality], -_LARGEST, _LARGEST)
         self._load(A, q, lower, upper)
         solve = partial(self._workspace.solve, raise_error=False)
         result = run_alone(solve, lambda result: result.info.status_val == SolverStatus.OSQP_SIGINT)

@@ -16,10 +16,11 @@ from cpgrl_opt import (
     Status,
     farkas_residual,
 )
-from cpgrl_opt.certify import excess_violation
+from cpgrl_opt.certify import certify, excess_violation
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.comparison.judgement import judge
 from cpgrl_opt.solvers import refereed
+from cpgrl_opt.solvers.infeasibility import infeasible_direction
 from cpgrl_opt.testing import LawBroken, check_claims_are_certified, check_least_violation
 
 # Both constraints ask for more of d₂, in opposite directions: no direction serves both.
@@ -198,3 +199,32 @@ def test_the_referee_takes_no_optimum_of_contradictory_constraints_beside_a_long
     assert refereed([problem], claims, 1e-6).status[0] == Status.UNCERTIFIED
     feasible = DirectionProblem([1e12, 0.0], [[0.0, 1.0], [0.0, -1.0]], [-1.0, 1.0])
     assert refereed([feasible], claims, 1e-6).status[0] == Status.OPTIMAL
+
+
+@pytest.mark.parametrize("form", ["diagonal", "dense", "function"])
+@pytest.mark.parametrize("exponent", [0, 6, 10, 14])
+def test_a_metric_has_no_say_in_whether_constraints_contradict_each_other(form: str, exponent: int) -> None:
+    """Rows 1e-3 rad from opposing: in lengths of M = diag(1, 1e14) a violation of 1e-3 is 1e-10 of d's."""
+    rows, bound, sizes = [[1.0, 0.0], [-1.0, -1e-3], [0.0, 1.0]], [0.0, 0.0, 1.0], np.array([1.0, 10.0**exponent])
+    metric = {"diagonal": sizes, "dense": np.diag(sizes), "function": lambda v: sizes * v}[form]
+    problem = DirectionProblem([0.0, 0.0], rows, bound, metric=metric)
+    for name in ("active-set", "nnls", "enumeration"):
+        assert SOLVERS[name].solve(problem).status == Status.INFEASIBLE, name
+    claimed = Direction(np.array([-1e-3, 1.0]), np.zeros(3), Status.OPTIMAL)
+    multipliers = np.array([0.0, 1e14, 1e11])
+    for mu in (np.zeros(3), multipliers):
+        judged = certify(problem, replace(claimed, multipliers=mu), 1e-9, infeasible_direction)
+        assert judged.status == Status.UNCERTIFIED
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6, 1e-12, 1e8])
+def test_the_unit_of_a_metric_has_no_say_in_it_either(size: float) -> None:
+    problem = DirectionProblem(
+        [1.0, 1.0], [[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]], [1.0] * 3, metric=size * np.array([1e-6, 1.0])
+    )
+    assert SOLVERS["active-set"].solve(problem).status == Status.INFEASIBLE
+
+
+def test_osqp_is_asked_for_no_more_than_it_takes_for_a_number() -> None:
+    answer = SOLVERS["osqp"].solve(DirectionProblem([1.0, -2.0], [[1.0, -2.0]], [2.0], radius=1e-40))
+    assert answer.status == Status.INFEASIBLE
