@@ -51,7 +51,7 @@ FULL = FULL @ FULL.T + np.eye(9)
     ("solver", "geometry", "most"),
     [
         ("active-set", {"radius": 0.5}, 6),
-        ("active-set", {"metric": np.arange(1.0, 10.0)}, 20),
+        ("active-set", {"metric": np.arange(1.0, 10.0)}, 35),
         ("active-set", {"metric": FULL, "radius": 0.5}, 40),
         ("quadprog", {"metric": FULL, "radius": 0.5}, 60),
     ],
