@@ -128,7 +128,7 @@ def certify(
         residuals, seen = _look_and_measure(problem, answer)
         is_granted = residuals.worst <= tolerance
         is_far = seen is not None and is_missed(seen.bound, seen.slack, problem.equality)
-        if is_granted and (is_far or misses_in_its_own_units(problem, answer.value)):
+        if is_granted and (is_far or (problem.radius is None and misses_in_its_own_units(problem, answer.value))):
             alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
             is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
