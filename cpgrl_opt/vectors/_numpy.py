@@ -140,11 +140,14 @@ class LeafVectors(Vectors):
         return K
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
-        """In one pass."""
-        parts, sums = [np.empty(len(g), g.dtype) for g, _ in self.leaves], np.zeros(1 + len(forces))
+        """In one pass; d's leaves of one dtype lie in one piece, which the system hands out sooner than many."""
+        parts, sums = dict[int, np.ndarray](), np.zeros(1 + len(forces))
         for dtype, leaves, where in self._where:
+            ends = [*accumulate((len(self.leaves[k][0]) for k in leaves), initial=0)]
+            whole = np.empty(ends[-1], dtype)
+            parts |= {k: whole[start:end] for k, (start, end) in zip(leaves, pairwise(ends), strict=True)}
             _blocks().combine[dtype].machine_code(*where, *weights, forces, _places(parts, leaves), sums)
-        return self.rebuilt(parts), sums
+        return self.rebuilt([parts[k] for k in range(len(parts))]), sums
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """In one pass."""
@@ -191,7 +194,7 @@ def _locate(leaves: list[Leaf]) -> np.ndarray:
     return where
 
 
-def _places(parts: list[np.ndarray], leaves: list[int]) -> np.ndarray:
+def _places(parts: Any, leaves: list[int]) -> np.ndarray:
     """(leaves, 4): the same of arrays whose numbers lie side by side."""
     where = np.empty((len(leaves), 4), np.int64)
     for i, k in enumerate(leaves):
