@@ -129,7 +129,8 @@ def page(rows: list[Memory]) -> str:
         "# Memory of a direction at the size of a network\n\n"
         f"| kind | n | m | rung | MB | share of g and J | bar | |\n|---|--:|--:|---|--:|--:|--:|---|\n{lines}\n\n"
         f"{platform.machine()} {platform.system()}, Python {platform.python_version()}, NumPy {np.__version__}. "
-        "Command: `OMP_NUM_THREADS=1 python benchmarks/long_memory.py --out benchmarks/results`; more at its head.\n"
+        f"Command: `OMP_NUM_THREADS=1 python benchmarks/long_memory.py --parameters {rows[0].n} "
+        "--out benchmarks/results`; more at its head.\n"
     )
 
 
