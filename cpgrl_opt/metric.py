@@ -19,7 +19,7 @@ import numpy as np
 
 from .arrays import Float, Int, Number
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
-from .validation import ReadOnlyArrays, finite_array, read_only, real_array, require_shape
+from .validation import ReadOnlyArrays, finite_array, freeze, read_only, real_array, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
 
@@ -45,7 +45,14 @@ class Whitening(ReadOnlyArrays):
 
     def copied(self) -> "Whitening":
         """The same L in arrays of its own."""
-        return Whitening(self.factor.copy(), None if self.correction is None else self.correction.copy())
+        other = Whitening(self.factor.copy(), None if self.correction is None else self.correction.copy())
+        _ = other.balanced
+        return other
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__({name: part for name, part in state.items() if name != "balanced"})
+        if "balanced" in state:  # whose arrays would come back writeable
+            _ = self.balanced
 
     @cached_property
     def balanced(self) -> tuple[Int[np.ndarray, "n"], "Whitening"]:
@@ -54,7 +61,7 @@ class Whitening(ReadOnlyArrays):
         diagonal = self.factor if is_vector else np.sqrt(np.vecdot(self.factor, self.factor))
         exponents = -np.frexp(diagonal)[1].astype(np.int64)
         factor = np.ldexp(self.factor, exponents if is_vector else exponents[:, None])
-        return exponents, Whitening(factor, self.correction)
+        return freeze(exponents), Whitening(freeze(factor), self.correction)
 
     def rows(self, rows: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k n"]:
         """JL⁻ᵀ, and L⁻¹g: gradients, one a row or one alone, in the coordinates where M = I."""
