@@ -16,7 +16,7 @@ from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
 from .infeasibility import infeasible_direction
-from .interface import DirectionSolver, ask, refereed, solve_stacked, unsupported, vouch_for
+from .interface import TRUSTED, DirectionSolver, ask, refereed, solve_stacked, unsupported
 from .nnls import NNLS
 from .osqp import OSQP
 from .packages import MissingPackageError, UnusablePackageError, has_package, is_installed, is_usable, obstacle
@@ -43,7 +43,7 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
 # They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where
 # they are used, on arrays that it never got hold of (see `interface`).
 SELF_JUDGING = tuple({type(solver) for solver in SOLVERS.values()})
-vouch_for((*SELF_JUDGING, WithGeometry))  # which asks the solver inside it with the same care
+TRUSTED.update((*SELF_JUDGING, WithGeometry))  # which asks the solver inside it with the same care
 
 
 def solver_named(name: str) -> DirectionSolver:

@@ -6,7 +6,7 @@ look at the flag), or what is written after the flag was turned, stays in the co
 themselves, read-only too. What somebody else's solver returns is checked for its form.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -21,7 +21,8 @@ from .infeasibility import infeasible_direction
 
 Answer = TypeVar("Answer")
 
-_OURS: set[type] = set()
+# Solvers of these classes, not of their subclasses, get the arrays themselves and are believed in their form.
+TRUSTED: set[type] = set()
 
 
 @runtime_checkable
@@ -42,14 +43,9 @@ class DirectionSolver(Protocol):
         ...
 
 
-def vouch_for(kinds: Iterable[type]) -> None:
-    """Solvers of these classes, not of their subclasses, get the arrays themselves and are believed in their form."""
-    _OURS.update(kinds)
-
-
 def ask(solver: Any, problem: DirectionProblem) -> Direction:
     """solver.solve(problem); ValueError that names a solver which writes to the problem or returns no direction."""
-    if type(solver) in _OURS:
+    if type(solver) in TRUSTED:
         answer: Direction = solver.solve(problem)
         return answer
     found = _ask_with_copies(solver, solver.solve, problem)
@@ -58,7 +54,7 @@ def ask(solver: Any, problem: DirectionProblem) -> Direction:
 
 def ask_batch(solver: Any, problems: ProblemBatch) -> DirectionBatch:
     """solver.solve_batch(problems), as `ask`; of at least one problem."""
-    if type(solver) in _OURS:
+    if type(solver) in TRUSTED:
         answers: DirectionBatch = solver.solve_batch(problems)
         return answers
     found = _ask_with_copies(solver, solver.solve_batch, problems)

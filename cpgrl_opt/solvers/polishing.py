@@ -57,7 +57,10 @@ def project_onto_face(
     Q, R, order = pivoted_qr(rows.T, RANK_TOLERANCE)
     rank = len(R)
     R, chosen = R[:, :rank], order[:rank]
-    d = off_span(Q, g) + Q @ solve_upper(R, bound[chosen], transposed=True)
+    d = g
+    for _ in range(2):  # (I − QQᵀ) g: the second pass takes away what rounding left of the first
+        d = d - Q @ (Q.T @ d)
+    d = d + Q @ solve_upper(R, bound[chosen], transposed=True)
     weights = np.zeros(len(rows))
     weights[chosen] = solve_upper(R, Q.T @ (d - g))
     if nonnegative and rank < len(rows) and (weights[~small.equality[face]] < 0.0).any():
@@ -66,13 +69,6 @@ def project_onto_face(
         weights[chosen] += solve_upper(R, Q.T @ (d - g - weights @ rows))
     multipliers[face] = weights
     return d, multipliers
-
-
-def off_span(Q: Float[np.ndarray, "n k"], g: Vector) -> Vector:
-    """(I − QQᵀ) g, twice: the second pass takes away what rounding left of the first."""
-    for _ in range(2):
-        g = g - Q @ (Q.T @ g)
-    return g
 
 
 def nonnegative_weights(
