@@ -4,13 +4,15 @@ from typing import Any
 
 import numpy as np
 
+_PLAIN = (bool, int, float, str, np.generic)
+
 
 def state_of(part: Any) -> Any:
     """A copy: of arrays, numbers, random generators, lists of them, and objects' attributes named in `carried`.
 
     Raises ValueError for an object that names none.
     """
-    if part is None or isinstance(part, (bool, int, float, str)):
+    if part is None or isinstance(part, _PLAIN):
         return part
     if isinstance(part, np.ndarray):
         return part.copy()
@@ -41,7 +43,7 @@ def require_like(part: Any, state: Any, where: str) -> None:
     elif isinstance(own, list):
         wanted, found = len(own), len(state) if isinstance(state, list) else None
     else:
-        wanted, found = type(own).__name__, type(state).__name__
+        wanted, found = _kind_of(own), _kind_of(state)
     if wanted != found:
         raise ValueError(f"{where} should be as saved, {found}; found {wanted}")
     if isinstance(part, list):
@@ -66,6 +68,12 @@ def put_back(part: Any, state: Any) -> Any:
     else:
         return state
     return part
+
+
+def _kind_of(value: Any) -> str:
+    """A number may be Python's or NumPy's."""
+    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    return "a number" if is_number else type(value).__name__
 
 
 def _array_in_words(value: Any) -> str:

@@ -12,10 +12,11 @@ import numpy as np
 from .channels import event_key, layers
 
 _SHORT = 32  # numbers of an array that are told one by one
+_DEEP = 8  # dataclasses within each other
 _PLAIN = (bool, int, float, str, type(None))
 
 
-def described(value: Any) -> Any:
+def described(value: Any, depth: int = _DEEP) -> Any:
     """For JSON: numbers, texts as they are, arrays by value or digest, dataclasses and others by class and parts."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -23,15 +24,18 @@ def described(value: Any) -> Any:
         return value if type(value) in _PLAIN else f"{_name(value)}: {value}"
     if isinstance(value, np.ndarray):
         return _array(value)
-    if isinstance(value, (tuple, list)):
-        return [described(part) for part in value]
-    if isinstance(value, Mapping):
-        return {str(key): described(part) for key, part in value.items()}
-    if isinstance(value, functools.partial):
-        return {"function": described(value.func), "arguments": described([value.args, value.keywords])}
     if hasattr(value, "__qualname__"):
         return f"{value.__module__}.{value.__qualname__}"
-    return {"class": _name(value), **{name: described(part) for name, part in _settings(value).items()}}
+    if depth == 0:  # whoever holds himself has no end
+        return _name(value)
+    if isinstance(value, (tuple, list)):
+        return [described(part, depth - 1) for part in value]
+    if isinstance(value, Mapping):
+        return {str(key): described(part, depth - 1) for key, part in value.items()}
+    if isinstance(value, functools.partial):
+        value = {"function": value.func, "arguments": value.args, "named": value.keywords}
+        return described(value, depth)
+    return {"class": _name(value), **{name: described(part, depth - 1) for name, part in _settings(value).items()}}
 
 
 def described_policy(policy: Any) -> Any:
@@ -82,8 +86,8 @@ def _array(value: np.ndarray) -> Any:
 
 
 def _settings(value: Any) -> dict[str, Any]:
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name, None) for field in fields(value)}
+    if is_dataclass(value):  # what it finds while it is used is no setting
+        return {own.name: getattr(value, own.name, None) for own in fields(value) if own.init}
     public = {name: part for name, part in getattr(value, "__dict__", {}).items() if not name.startswith("_")}
     return {name: part for name, part in public.items() if isinstance(part, (*_PLAIN, np.ndarray, np.generic))}
 

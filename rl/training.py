@@ -117,7 +117,14 @@ class Training:
         self._learner, self._memory = learner, None
         self._course = Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
         self._learning, self._step = _compiled(self._estimation, learner, self._theta, self._course)
-        self._made_with = (environment, policy, estimator, learner, seed)
+        self._environment = environment
+        self._made_with = {  # before anybody counts anything in them
+            "policy": described_policy(policy),
+            "estimator": described(estimator),
+            "learner": described(learner),
+            "runs": list(indices),
+            "seed": int(seed),
+        }
         self._episode = 0
         self._is_stationary = False  # after the last update, in every run
         self._is_whole = True  # no episode has been begun that has no record yet
@@ -198,15 +205,7 @@ class Training:
             raise ValueError(f"a training should {what} between two episodes; found one that something ended halfway")
 
     def _settings(self) -> dict[str, Any]:
-        environment, policy, estimator, learner, seed = self._made_with
-        return {
-            "environment": described_environment(environment),
-            "policy": described_policy(policy),
-            "estimator": described(estimator),
-            "learner": described(learner),
-            "runs": list(self._course.runs),
-            "seed": int(seed),
-        }
+        return {"environment": described_environment(self._environment), **self._made_with}
 
     def _next(self) -> TrainingRecord:
         """Of episodes simulated ahead, or of one that is simulated now."""

@@ -115,12 +115,12 @@ class Checkpoint:
         except ValueError as error:
             raise CheckpointError(f"{error}. --anew starts over") from error
 
-    def is_due(self) -> bool:
-        """Whether as much time has passed as may be lost."""
-        return perf_counter() - self.last >= self.every
+    def is_due(self, *, at_the_end: bool) -> bool:
+        """Whether as much time has passed as may be lost, or nothing follows."""
+        return self.path is not None and (at_the_end or perf_counter() - self.last >= self.every)
 
     def write(self, state: Mapping[str, Any]) -> None:
-        """In the last one's place."""
+        """In the last one's place, if there are checkpoints."""
         if self.path is not None:
             write_state(self.path, _KIND, state)
             self.last = perf_counter()

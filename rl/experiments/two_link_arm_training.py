@@ -136,7 +136,7 @@ class _Course:
         elif perf_counter() - self.ticked > _TICK:
             self.ticked = perf_counter()
             self.report(Tick(case.label, runs, record.episode))
-        if self.checkpoint.is_due() or record.episode == settings.episodes:
+        if self.checkpoint.is_due(at_the_end=record.episode == settings.episodes):
             self.save()
 
     def save(self) -> None:

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep
+from cpgrl_opt import SOLVERS, ConstrainedStep
 from cpgrl_opt.active_set import hysteresis
 from envs import ThreeStateMDP, TwoLinkArm, TwoLinkArmEnv
 from envs.tabular_env import TabularEnv
@@ -50,6 +50,13 @@ CASES = {
     "Konda in Python": (TabularEnv(CHAIN), TABLE, KondaActorCritic(steps=10), WeightedSum(), 14),
     "GPOMDP on the arm": (ARM, NETWORK, GPOMDP(**MIXED), ON_THE_ARM, 40),
     "Konda on the arm": (ARM, NETWORK, KondaActorCritic(**MIXED), ON_THE_ARM, 40),
+    "in a metric, rates of NumPy's": (
+        CHAIN, TABLE, GPOMDP(steps=20, average="episode", average_rate=np.float64(0.1)),
+        CPGRL(ConstrainedStep(formulation="linearized", metric=np.diag(np.arange(1.0, 10.0))), [0, 0, 0]), 12,
+    ),
+    "GPOMDP on the arm, rates of NumPy's": (
+        ARM, NETWORK, GPOMDP(steps=20, average_rate=np.float32(0.1), trace_decay=np.float64(0.9)), ON_THE_ARM, 12,
+    ),
     "Konda on the arm in Python": (
         TwoLinkArmEnv(), NETWORK, KondaActorCritic(steps=10),
         GradientWithRestoration(ConstrainedStep(**SAFE), [0, 0]), 8,
@@ -283,6 +290,32 @@ def test_a_memory_of_other_things_cannot_be_saved(tmp_path):
     with pytest.raises(ValueError, match=r"state\['memory'\]\['when'\] should consist of .* found set"):
         begun.save(tmp_path / "training.npz")
     assert list(tmp_path.iterdir()) == []
+
+
+class CountingSolver:
+    """Looks at what it is called with, which is no setting."""
+
+    def __init__(self, tolerance=1e-9):
+        self.calls, self.tolerance, self.owner = 0, tolerance, self
+
+    def solve(self, problem):
+        self.calls += 1
+        return SOLVERS["active-set"].solve(problem)
+
+
+def test_what_a_solver_counts_is_no_setting_but_its_tolerance_is(tmp_path):
+    def case(**options):
+        return (CHAIN, TABLE, GPOMDP(steps=20), CPGRL(ConstrainedStep(solver=CountingSolver(**options)), [0, 0, 0]), 6)
+
+    begun, undisturbed = training(case()), [seen(record) for record in training(case())]
+    for record in begun:
+        if record.episode == 3:
+            begun.save(tmp_path / "training.npz")
+    again = training(case())
+    again.load(tmp_path / "training.npz")
+    assert [seen(record) for record in again] == undisturbed[3:]
+    with pytest.raises(ValueError, match=r"learner\.step\.solver\.tolerance should be 1e-09, as saved; found 0\.1"):
+        training(case(tolerance=0.1)).load(tmp_path / "training.npz")
 
 
 class Untold:
