@@ -19,7 +19,7 @@ import numpy as np
 from ..saved_state import read_state, write_state
 from .summary import versions
 
-FOLDER = "checkpoint"
+FOLDER = ".cpgrl-checkpoint"  # a name that nobody else has: it is removed with all that is in it
 EVERY = 10.0  # s between two checkpoints of a training
 _KIND = "checkpoint of an experiment"
 _KEY, _PARTS = "experiment.json", "parts.json"

@@ -10,7 +10,7 @@ import numpy as np
 
 from envs import ThreeStateMDP
 
-from .checkpoints import EVERY, Checkpoints, experiment_key, require_interval
+from .checkpoints import EVERY, Checkpoints, experiment_key, holds, require_interval
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
 from .learning_curves import spread
@@ -67,7 +67,9 @@ def reproduce_three_state(
     require_interval(checkpoint_every)
     key = key_of(settings)
     with results_directory(directory, FILES, key) as place:
-        return _reproduce(settings, place, processes, listen, Checkpoints.begun(place, key, checkpoint_every))
+        was_stopped = holds(place, key)
+        checkpoints = Checkpoints.begun(place, key, checkpoint_every)
+        return _reproduce(settings, place, processes, listen, checkpoints, was_stopped=was_stopped)
 
 
 def key_of(settings: ThreeStateSettings) -> dict[str, Any]:
@@ -80,7 +82,9 @@ def _reproduce(
     directory: Path,
     processes: int,
     listen: Listener | None,
-    checkpoints: Checkpoints | None,
+    checkpoints: Checkpoints,
+    *,
+    was_stopped: bool,
 ) -> Reproduction:
     begun = perf_counter()
     results = train_three_state(
@@ -95,7 +99,9 @@ def _reproduce(
     ended = perf_counter()
     seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
     write_summary(
-        directory / "summary.json", results.outcomes["cpgrl"].steps_per_second, summary(results, seconds, processes)
+        directory / "summary.json",
+        results.outcomes["cpgrl"].steps_per_second,
+        {**summary(results, seconds, processes), "was_stopped": was_stopped},
     )
     return Reproduction(results, claims, seconds, recorded)
 

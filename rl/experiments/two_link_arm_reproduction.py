@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .checkpoints import EVERY, Checkpoints, experiment_key, require_interval
+from .checkpoints import EVERY, Checkpoints, experiment_key, holds, require_interval
 from .claims import Claim, write_claims
 from .figure_style import load_figures, paper_style, save_figure
 from .results_directory import results_directory
@@ -62,7 +62,9 @@ def reproduce_two_link_arm(
     require_interval(checkpoint_every)
     key = key_of(settings)
     with results_directory(directory, FILES, key) as place:
-        return _reproduce(settings, place, processes, listen, Checkpoints.begun(place, key, checkpoint_every))
+        was_stopped = holds(place, key)
+        checkpoints = Checkpoints.begun(place, key, checkpoint_every)
+        return _reproduce(settings, place, processes, listen, checkpoints, was_stopped=was_stopped)
 
 
 def key_of(settings: ArmSettings) -> dict[str, Any]:
@@ -75,7 +77,9 @@ def _reproduce(
     directory: Path,
     processes: int,
     listen: Callable[[Advance], None] | None,
-    checkpoints: Checkpoints | None,
+    checkpoints: Checkpoints,
+    *,
+    was_stopped: bool,
 ) -> ArmReproduction:
     begun = perf_counter()
     results = train_two_link_arm(
@@ -91,7 +95,10 @@ def _reproduce(
     draw(results, directory)
     ended = perf_counter()
     seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
-    write_summary(directory / "summary.json", speed(results), summary(results, seconds, processes))
+    contents = {**summary(results, seconds, processes), "was_stopped": was_stopped}
+    if was_stopped:  # the wall's time is that of the last part alone
+        del contents["steps_per_second_of_all_processes"]
+    write_summary(directory / "summary.json", speed(results), contents)
     return ArmReproduction(results, claims, rows, seconds, recorded)
 
 

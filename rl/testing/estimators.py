@@ -8,6 +8,7 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TabularMDP
 
+from ..carried import put_back, state_of
 from ..policies import SoftmaxTable
 from .contract import ContractBroken, require
 
@@ -34,6 +35,7 @@ def check_gradient_estimator(
     On `mdps` random MDPs of 4 states, 3 actions, 3 channels, with a random `SoftmaxTable` each (a fixed θ):
     - shapes (B, 1 + m) and (B, 1 + m, n), finite, fresh arrays each episode, `parameters` not written to;
     - the same streams give the same bits, and run i is the same bits alone as beside others;
+    - where the estimation names in `carried` what it carries, another one goes on from that with the same bits;
     - ‖mean Δⁱ − ∇gⁱ‖ ≤ bias·‖∇gⁱ‖ + z·SE and |mean ρⁱ − gⁱ| ≤ 0.02·sd(rⁱ) + z·SE for every channel i, where the mean
       is over `episodes` episodes of `runs` runs after `warm_up` episodes (what is carried from episode to episode
       settles), and SE, the standard error, is from the runs, which are independent.
@@ -49,6 +51,7 @@ def check_gradient_estimator(
         mdp = _slow_mdp(rng, policy.probabilities(theta))
         streams = np.random.SeedSequence(entropy=seed, spawn_key=(number,)).spawn(runs)
         _check_streams(estimator, mdp, policy, theta, seed)
+        _check_carried(estimator, mdp, policy, theta, seed)
         estimation = estimator.start(mdp, policy, streams)
         parameters = np.tile(theta, (runs, 1))
         for _ in range(warm_up):
@@ -99,6 +102,26 @@ def _check_streams(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta:
                 np.array_equal(one, other),
                 f"{what} should be the same bits from {name}: a run is a function of its stream and θ",
                 f"a difference of {np.abs(one - other).max():.3g}",
+            )
+
+
+def _check_carried(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta: np.ndarray, seed: int) -> None:
+    """What `Training.save` relies on."""
+    streams, parameters = np.random.SeedSequence(entropy=seed, spawn_key=(98,)).spawn(2), np.tile(theta, (2, 1))
+    first, second = (estimator.start(mdp, policy, streams) for _ in range(2))
+    if not hasattr(type(first), "carried"):
+        return
+    for _ in range(2):
+        first.episode(parameters)
+    put_back(second, state_of(first))
+    for _ in range(2):
+        one, other = first.episode(parameters), second.episode(parameters)
+        for what in ("values", "gradients"):
+            own, again = getattr(one, what), getattr(other, what)
+            require(
+                np.array_equal(own, again),
+                f"{what} should be the same bits where another estimation goes on from what `carried` names",
+                f"a difference of {np.abs(own - again).max():.3g}: something else is carried too",
             )
 
 

@@ -1,5 +1,6 @@
 """A reproduction that was killed goes on where it was, and its files do not tell."""
 
+import json
 import os
 import shutil
 import signal
@@ -203,6 +204,7 @@ def test_the_command_says_that_it_goes_on_or_starts_over(tmp_path, undisturbed):
     shutil.copytree(out, kept)
     done = cpgrl(out)
     assert (done.exit_code, done.stderr) == (0, f"Going on where {out} was left; --anew starts over.\n")
+    assert json.loads((out / "summary.json").read_text(encoding="utf-8"))["was_stopped"] is True
     assert contents(out) == undisturbed["three-state"]
     (kept / FOLDER / "cpgrl.npz").write_bytes(b"")
     refused = cpgrl(kept)
@@ -211,6 +213,7 @@ def test_the_command_says_that_it_goes_on_or_starts_over(tmp_path, undisturbed):
     anew = cpgrl(kept, "--anew")
     assert (anew.exit_code, anew.stderr) == (0, "")
     assert contents(kept) == undisturbed["three-state"]
+    assert json.loads((kept / "summary.json").read_text(encoding="utf-8"))["was_stopped"] is False
     assert not (kept / "unfinished").exists()
 
 

@@ -127,3 +127,26 @@ def test_up_to_scale_is_not_up_to_sign():
 def test_too_few_samples_to_tell_are_not_taken_for_a_success():
     with pytest.raises(ContractBroken, match="more runs or episodes"):
         check_gradient_estimator(GPOMDP(), runs=3, episodes=1, bias=5.0)
+
+
+class Forgetful(PlainRuns):
+    """Says that it carries less than it does."""
+
+    carried = ("kept",)
+
+
+class Telling(PlainRuns):
+    carried = ("kept", "rngs")
+
+
+@pytest.mark.parametrize("runs", [Forgetful, Telling])
+def test_what_is_carried_is_named_whole_or_not_at_all(runs):
+    class Estimator:
+        def start(self, environment, policy, streams):
+            return runs(Plain(), environment, policy, streams)
+
+    if runs is Telling:
+        check_gradient_estimator(Estimator(), **SMALL)
+        return
+    with pytest.raises(ContractBroken, match="goes on from what `carried` names; found a difference of"):
+        check_gradient_estimator(Estimator(), **SMALL)
