@@ -52,9 +52,7 @@ class StepRun:
         residuals = np.max([each.residuals for each in moves], axis=0)  # type: ignore[arg-type]
         return StepResult(change, active, still, self.counts, multipliers, residuals, predicted)
 
-    def admit(
-        self, gradients: Float[np.ndarray, "B channels n"], slack: np.ndarray, active: np.ndarray
-    ) -> ActiveConstraints:
+    def admit(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray) -> ActiveConstraints:
         """𝒜 without the constraints whose gradient is 0, and t = −min(slack, 0); with its ridge, if it has one."""
         kept = active & gradients[:, 1:].any(axis=2)
         self.counts["flat"] += np.count_nonzero(active & ~kept, axis=1)

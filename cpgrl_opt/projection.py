@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import ArrayLike, Bool, Float, Jacobian, Multipliers, Vector
+from .arrays import ArrayLike, Bool, Float, Multipliers, Vector
 from .scaling import UnitRows, unit_rows
 from .validation import finite_array, require_shape
 
@@ -28,10 +28,6 @@ class _RowSpace:
     singular_values: np.ndarray
     right: np.ndarray
 
-    def least_norm(self, target: np.ndarray) -> np.ndarray:
-        """Ĵ⁺ target."""
-        return np.asarray(self.right @ ((self.left.T @ target) / self.singular_values))
-
     def off(self, vector: np.ndarray) -> np.ndarray:
         """(I − V Vᵀ) vector, twice: the second pass takes away what rounding left of the first."""
         for _ in range(2):
@@ -50,7 +46,8 @@ def restoration_move(jacobian: ArrayLike, slack: ArrayLike) -> Vector:
     """d = J⁺ slack, to be subtracted: J(θ − d) makes up for a negative slack; (m, n), (m,) → (n,). Source: eq. 10."""
     space, target = _row_space(jacobian), finite_array("slack", slack, 1)
     require_shape("slack", target, space.rows.largest.shape)
-    return space.least_norm(np.where(space.rows.largest > 0, space.rows.per_length(target), 0.0))
+    target = np.where(space.rows.largest > 0, space.rows.per_length(target), 0.0)
+    return np.asarray(space.right @ ((space.left.T @ target) / space.singular_values))
 
 
 def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers:
@@ -95,8 +92,7 @@ def projection_matrix(jacobian: ArrayLike) -> np.ndarray:
 
 
 def _row_space(jacobian: ArrayLike) -> _RowSpace:
-    J: Jacobian = finite_array("jacobian", jacobian, 2)
-    rows = unit_rows(J)
+    rows = unit_rows(finite_array("jacobian", jacobian, 2))
     left, singular_values, right = np.linalg.svd(rows.jacobian, full_matrices=False)
     rank = int((singular_values > RANK_TOLERANCE * max(singular_values.max(initial=0.0), 1.0)).sum())
     return _RowSpace(rows, left[:, :rank], singular_values[:rank], right[:rank].T)

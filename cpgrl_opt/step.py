@@ -139,20 +139,16 @@ class ConstrainedStep(StepSettings):
         """Of n parameters, which only a linearization tells; looked at once, but of trees."""
         known: OperatorMetric | None = vars(self).get("_operator_metric")
         if known is None or known.n != linearization.n or linearization.is_tree:
-            product: Any = self.metric
-            if linearization.is_tree:
-                product = metric_of_rows(linearization.vectors[0], product)
+            M: Any = self.metric
+            product = metric_of_rows(linearization.vectors[0], M) if linearization.is_tree else M
             known = OperatorMetric(product, linearization.n, self.metric_tolerance, self.metric_iterations)
             vars(self)["_operator_metric"] = known
         return known
 
     def _on_rows(
-        self,
-        gradients: Float[np.ndarray, "*runs channels n"],
-        slack: np.ndarray,
-        active: np.ndarray,
-        observe: Observer | None,
+        self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, observe: Observer | None
     ) -> StepResult:
+        """Where M = I: the usual way where it is all, else the long one. (…, 1 + m, n), (…, m), (…, m)."""
         if not gradients.flags.carray:  # nor read-only, as JAX's are, which compiled helpers take for another type
             gradients = gradients.copy()
         runs, m, n = slack.shape[:-1], slack.shape[-1], gradients.shape[-1]

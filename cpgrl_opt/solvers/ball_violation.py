@@ -48,8 +48,7 @@ class SoftRows:
         answer = project(problem, _CERTIFIED)
         if answer.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
             raise DirectionError(str(answer.status))
-        x: Vector = answer.value[:n]
-        return x
+        return np.asarray(answer.value[:n])
 
     def violation(self, x: Vector) -> Float[np.ndarray, "p"]:
         """v of x on V; 0 on S."""
