@@ -26,7 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from long_problems import ANGLE, direction, numbers, write
+from long_problems import ANGLE, direction, numbers
+from tables import write
 
 SLACK, LEAVES, BLOCK = 0.05, 100, 100_000
 ARRAYS, TENSORS = ("float64", "float32", "tree"), ("tensor float32", "tensor bfloat16", "tensor tree")
@@ -154,10 +155,7 @@ def main() -> None:
     work = itertools.product(kinds, ("gramian", "pairs"), arguments.constraints)
     rows = [memory(kind, arguments.parameters, m, rung) for kind, rung, m in work]
     print(said := page(rows))
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "long_memory.md").write_text(said, encoding="utf-8")
-        write(arguments.out / "long_memory.csv", Memory, rows)
+    write("long_memory", said, rows, arguments.out)
 
 
 if __name__ == "__main__":

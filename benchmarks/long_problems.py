@@ -1,12 +1,10 @@
 """Long problems that benchmarks share: what is drawn, solved, judged and timed in turns with something else."""
 
-import csv
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -90,14 +88,6 @@ def in_turns(floor: Callable[[], Any], run: Callable[[], Any], repeats: int) -> 
 def repeats_of(n: int, m: int, scale: float) -> int:
     """Fewer of what takes long: 25 down to 3, times the scale."""
     return max(1, round(scale * max(3, min(25, 300_000_000 // (n * (1 + m))))))
-
-
-def write(path: Path, kind: type, rows: Sequence[Any]) -> None:
-    """A csv file."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=[each.name for each in fields(kind)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
 
 
 def numbers(text: str) -> list[int]:

@@ -38,7 +38,8 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from long_problems import Answer, Data, direction, drawn, in_turns, judged, numbers, oppose, repeats_of, write
+from long_problems import Answer, Data, direction, drawn, in_turns, judged, numbers, oppose, repeats_of
+from tables import write
 
 from cpgrl_opt import ConstrainedStep, Linearization, kkt_residuals
 from cpgrl_opt.vectors import _numpy as array_vectors
@@ -227,10 +228,7 @@ def main() -> None:
     shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
     said = page(rows, verdicts(rows, shares), load)
     print(said)
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "long_vectors.md").write_text(said, encoding="utf-8")
-        write(arguments.out / "long_vectors.csv", Row, rows)
+    write("long_vectors", said, rows, arguments.out)
 
 
 if __name__ == "__main__":

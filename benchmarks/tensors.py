@@ -35,7 +35,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from long_problems import direction, in_turns, judged, numbers, repeats_of, write
+from long_problems import direction, in_turns, judged, numbers, repeats_of
+from tables import write
 
 ROWS, LEAVES = 6, 100
 BARS = {1_000: 1.0, 100_000: 0.8, 1_000_000: 0.6}  # of DualProj's time; of UPGrad's 1, and of arrays' 1.3 for trees
@@ -210,10 +211,7 @@ def main() -> None:
         *beside_arrays(arguments.reference, arguments.scale),
     ]
     print(said := page(rows, load))
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "tensors.md").write_text(said, encoding="utf-8")
-        write(arguments.out / "tensors.csv", Row, rows)
+    write("tensors", said, rows, arguments.out)
 
 
 if __name__ == "__main__":
