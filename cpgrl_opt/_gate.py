@@ -19,6 +19,7 @@ from .validation import (
     require_shape,
 )
 from .vectors import ArrayVectors, TreeVectors, Vectors, is_long, kind_of
+from .vectors._trees import is_tree
 
 _FLOAT64 = np.dtype(np.float64)
 
@@ -31,9 +32,20 @@ def check_arrays(
     if packed is not None:
         g, J, b = packed
         return g, J, b, _check_equality(equality, b.shape)
+    if axes == 1:
+        _require_kind_of(gradient, jacobian)
     g, J = finite_array("gradient", gradient, axes), finite_array("jacobian", jacobian, axes + 1)
     require_gradient_shape(g, J.shape)
     return freeze(g), freeze(J), *check_bounds(bound, equality, J.shape[:-1])
+
+
+def _require_kind_of(gradient: Any, jacobian: Any) -> None:
+    """ValueError for tensors, or arrays of float32, beside a g of float64: d would come back as none of them."""
+    for row in jacobian if isinstance(jacobian, list | tuple) else [jacobian]:
+        is_numpy = isinstance(row, np.ndarray)
+        if is_tree(row) and not (is_numpy and type(gradient) is not np.ndarray):
+            found = row.dtype if is_numpy else f"{type(row).__module__}.{type(row).__qualname__}"
+            raise ValueError(f"jacobian should be of the gradient's kind, arrays of float64; found {found}")
 
 
 def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

@@ -451,7 +451,19 @@ def test_a_steps_metric_as_a_tree_is_matched_by_its_keys() -> None:
         for name in g:
             np.testing.assert_allclose(found[name], expected[name], rtol=1e-12)
     for wrong in ({"c": np.ones(2), "d": np.ones(2)}, [np.ones(2), np.ones(2)], {"a": np.ones(2), "b": np.ones(3)}):
-        with pytest.raises(ValueError, match="metric should have"):
+        with pytest.raises(ValueError, match=r"metric.* should have"):
             ConstrainedStep(metric=wrong)(given, [0.0])
     with pytest.raises(ValueError, match="no tree; found a tree"):
         ConstrainedStep(metric={"a": np.ones(2)})(Linearization([0.0, 1.0], np.ones((2, 2))), [0.0])
+
+
+def test_rows_of_another_kind_than_an_array_of_float64_are_refused() -> None:
+    g, J = np.ones(4), np.ones((2, 4), np.float32)
+    for rows in (J, list(J), [np.ones(4), J[0]]):
+        with pytest.raises(ValueError, match="jacobian should be of the gradient's kind"):
+            DirectionProblem(g, rows)
+    torch = pytest.importorskip("torch")
+    for rows in (torch.ones(2, 4), [torch.ones(4)], torch.ones(2, 4, dtype=torch.float64)):
+        for gradient in (g, [1.0] * 4):
+            with pytest.raises(ValueError, match="jacobian should be of the gradient's kind"):
+                DirectionProblem(gradient, rows)
