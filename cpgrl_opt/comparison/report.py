@@ -8,7 +8,7 @@ import io
 import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from . import markdown_text
 from .choice import RULE, Choice, choose
 from .measurement import AS_BYTES, Measurement
-from .table import UNSAFE, as_table, count, profiles, rank, taken_by_both
+from .table import UNSAFE, as_table, count, profiles, rank, readable, taken_by_both
 from .whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ class Table:
 
 def write_report(measurements: Sequence[Measurement], context: ReportContext, folder: Path) -> tuple[Path, Path]:
     """report.md and report.html in `folder`, which is made where missing; the same bytes for the same input."""
+    told = {readable(name): reason for name, reason in context.families.items()}
+    context = replace(context, families=told, ill_posed=set(map(readable, context.ill_posed)))
     shown = _contents(as_table(measurements), context)
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / "report.md", folder / "report.html"

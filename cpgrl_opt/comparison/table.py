@@ -38,6 +38,11 @@ def pandas() -> Any:
     return module
 
 
+def readable(name: str) -> str:
+    """A file name whose bytes the locale could not read, as UTF-8, which pandas' strings are."""
+    return name.encode("utf-8", AS_BYTES).decode("utf-8", "replace")
+
+
 def load(folder: Path | str) -> "pd.DataFrame":
     """The measurements of `cpgrl compare --out folder`, a row each: the columns of measurements.csv.
 
@@ -45,7 +50,7 @@ def load(folder: Path | str) -> "pd.DataFrame":
     `report`, FileNotFoundError where there are no measurements, ValueError where their columns are others.
     """
     path = Path(folder) / "measurements.csv"
-    told = {"keep_default_na": False, "na_values": {"distance": [""]}, "encoding_errors": AS_BYTES, "dtype": _TEXT}
+    told = {"keep_default_na": False, "na_values": {"distance": [""]}, "encoding_errors": "replace", "dtype": _TEXT}
     frame: pd.DataFrame = pandas().read_csv(path, **told)
     if list(frame.columns) != columns(Measurement):
         raise ValueError(f"{path} should have the columns {columns(Measurement)}; found {list(frame.columns)}")
@@ -54,7 +59,8 @@ def load(folder: Path | str) -> "pd.DataFrame":
 
 def as_table(measurements: Sequence[Measurement]) -> "pd.DataFrame":
     """The same of measurements in memory."""
-    frame: pd.DataFrame = pandas().DataFrame([vars(each) for each in measurements], columns=columns(Measurement))
+    rows = [vars(each) | {"solver": readable(each.solver), "family": readable(each.family)} for each in measurements]
+    frame: pd.DataFrame = pandas().DataFrame(rows, columns=columns(Measurement))
     return frame.astype({"distance": float})
 
 

@@ -155,7 +155,8 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
         found = replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
     else:
         found = certify(problem, found, tolerance, infeasible_direction)
-    if found.status == Status.UNCERTIFIED and misses_in_its_own_units(problem, value):
+    is_ours = answer.residuals is not None or status == Status.INFEASIBLE  # and no claim of somebody else's
+    if found.status == Status.UNCERTIFIED and is_ours and misses_in_its_own_units(problem, value):
         impossible = infeasible_direction(problem, iterations)  # as it is without the metric
         found = found if impossible is None else certify(problem, impossible, tolerance, infeasible_direction)
     return in_form(problem, found) if problem.is_tree else found

@@ -61,11 +61,11 @@ def test_bad_rows_are_refused(spoil, message) -> None:
         DirectionProblem(g, spoil(rows), b)
 
 
-def test_rows_of_other_kinds_are_taken_as_before() -> None:
+def test_rows_of_numbers_are_taken_and_of_another_kind_refused() -> None:
     g, rows, b = drawn()
     of_lists = DirectionProblem(g[:3], [[1.0, 0.0, 0.0], np.array([0.0, 1.0, 0.0])], b[:2])
     assert of_lists.jacobian.shape == (2, 3)
-    single = DirectionProblem(g, [row.astype(np.float32) for row in rows], b)
-    assert single.jacobian.dtype == np.float64
     with pytest.raises(AttributeError, match="no attribute 'jacobians'"):
-        _ = single.jacobians  # type: ignore[attr-defined]
+        _ = of_lists.jacobians  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match="gradient's kind, arrays of float64; found float32"):
+        DirectionProblem(g, [row.astype(np.float32) for row in rows], b)
