@@ -44,7 +44,8 @@ class _Arrays:
         arrays = g, J, b, E = gradient.view(), jacobian.view(), bound.view(), equality.view()
         for array in arrays:
             array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
-        vars(made).update(gradient=g, jacobian=J, bound=b, equality=E, radius=radius, is_long=is_long(*J.shape[-2:]))
+        long = J.shape[-1] > 64 and is_long(*J.shape[-2:])  # in so few parameters no problem is
+        vars(made).update(gradient=g, jacobian=J, bound=b, equality=E, radius=radius, is_long=long)
         return made
 
 

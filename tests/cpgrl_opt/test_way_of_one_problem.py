@@ -54,6 +54,8 @@ FULL = FULL @ FULL.T + np.eye(9)
         ("active-set", {"metric": np.arange(1.0, 10.0)}, 35),
         ("active-set", {"metric": FULL, "radius": 0.5}, 40),
         ("quadprog", {"metric": FULL, "radius": 0.5}, 60),
+        ("daqp", {"metric": FULL, "radius": 0.5}, 60),
+        ("cvxpy", {"metric": FULL, "radius": 0.5}, 60),
     ],
 )
 def test_a_metric_and_a_ball_are_a_few_functions_more(solver: str, geometry: dict[str, Any], most: int) -> None:
