@@ -89,7 +89,8 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
         vectors = kind_of(gradient, jacobian)
         if vectors is not None:
             return vectors
-    jacobian = [*map(_in_memory, jacobian)] if isinstance(jacobian, list | tuple) else _in_memory(jacobian)
+    if type(jacobian) is not np.ndarray:
+        jacobian = [*map(_in_memory, jacobian)] if isinstance(jacobian, list | tuple) else _in_memory(jacobian)
     if type(jacobian) is np.ndarray:
         if jacobian.ndim != 2 or not is_long(*jacobian.shape):
             return None
