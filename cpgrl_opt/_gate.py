@@ -111,14 +111,19 @@ def metric_of_rows(vectors: Vectors, metric: Any) -> Any:
 
     The function is handed v in float64, since M⁻¹ is sought to 1e-12.
     """
-    if metric is not None and not vectors.has_rows:
-        raise ValueError("metric should be None where gradient is an object: its `gramian` is the inner product")
+    require_no_metric(vectors, metric)
     if metric is None or not isinstance(vectors, TreeVectors):
         return metric
     if callable(metric):
         return lambda row: vectors.row_of(metric(vectors.unrounded(row)), "what metric returns")
     is_matrix = hasattr(metric, "ndim") and metric.ndim == 2 and vectors.shape[1] == len(metric)
     return metric if is_matrix else vectors.row_of(metric, "metric")
+
+
+def require_no_metric(vectors: Vectors, metric: Any) -> None:
+    """ValueError for a metric beside an object that has its own."""
+    if metric is not None and not vectors.has_rows:
+        raise ValueError("metric should be None where gradient is an object: its `gramian` is the inner product")
 
 
 def _in_memory(value: Any) -> Any:

@@ -33,6 +33,7 @@ convex. With one they are sufficient too, the problem being convex; but which of
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -166,10 +167,18 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     require_problem(problem)
     if not isinstance(direction, HasValueAndMultipliers):
         raise ValueError(f"direction should have value and multipliers; found {direction!r}")
-    d, mu = problem.row_of(direction.value), real_values("direction.multipliers", direction.multipliers)
+    if problem.is_tree:
+        mu, kappa = problem.vectors.agree(partial(_forces_of, problem, direction))
+    else:
+        mu, kappa = _forces_of(problem, direction)
+    return _look_and_measure(problem, Direction(problem.row_of(direction.value), mu, Status.OPTIMAL, 0, kappa))[0]
+
+
+def _forces_of(problem: DirectionProblem, direction: HasValueAndMultipliers) -> tuple[Multipliers, float]:
+    """(μ, κ)."""
+    mu = real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.multipliers", mu, (problem.m,))
-    kappa = float(getattr(direction, "radius_multiplier", 0.0))
-    return _look_and_measure(problem, Direction(d, mu, Status.OPTIMAL, 0, kappa))[0]
+    return mu, float(getattr(direction, "radius_multiplier", 0.0))
 
 
 def certified_residuals(

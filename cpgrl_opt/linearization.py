@@ -1,7 +1,7 @@
 """Values and gradients of all reward channels at θ: what a gradient estimator hands to a step."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -32,8 +32,11 @@ class Linearization:
     is_long: bool = field(init=False, repr=False)  # a step first reduces the gradients to their span
     is_tree: ClassVar[bool] = False  # where True, the gradients, and a step's change, are no arrays of float64
 
-    def __init__(self, values: ArrayLike, gradients: ArrayLike) -> None:
+    def __init__(self, values: ArrayLike, gradients: ArrayLike | Vectors) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
+        if isinstance(gradients, Vectors):  # maybe of several processes
+            gradients.agree(partial(self._take_apart, values, gradients))
+            return
         values = real_values("values", values)
         if type(gradients) is not np.ndarray or gradients.dtype != np.float64:
             tree = channels_of(gradients, len(values)) if values.ndim == 1 else None  # a list may be one of runs else
@@ -52,7 +55,8 @@ class Linearization:
         if not (long and all(vectors.are_finite() for vectors in self.vectors)):
             require_finite("gradients", gradients)
 
-    def _take_apart(self, values: np.ndarray, tree: Vectors) -> None:
+    def _take_apart(self, values: Any, tree: Vectors) -> tuple[Any]:
+        values = real_values("values", values)
         require_finite("values", values)
         require_shape("values", values, (1 + tree.shape[0],))
         long = is_long(*tree.shape) or not tree.has_rows
@@ -60,6 +64,7 @@ class Linearization:
         if not tree.has_rows:
             vars(self).update(gradients=tree.channels())
         tree.require_finite()
+        return (values,)
 
     if not TYPE_CHECKING:  # which would believe in any attribute
 

@@ -97,10 +97,8 @@ class DirectionProblem(_Arrays):
             vars(self).update(gradient=g, jacobian=J, bound=b, equality=E, is_long=long)
             n = len(g)
         else:
-            m, n = vectors.shape
-            self._look_at(vectors, *check_bounds(bound, equality, (m,)))
-            vars(self).update(_given_metric=metric)
-            metric = metric_of_rows(vectors, metric)
+            n, look = vectors.shape[1], partial(self._look_at, vectors, bound, equality, metric, radius)
+            metric = vectors.agree(look)[-1]
         if metric is not None:
             _set_metric(self, *validated_metric(metric, n, metric_tolerance, metric_iterations))
         if radius is not None:
@@ -118,14 +116,19 @@ class DirectionProblem(_Arrays):
         made = partial(DirectionProblem, metric_tolerance=M.tolerance, metric_iterations=M.iterations)
         return made, arguments
 
-    def _look_at(self, vectors: Any, bound: Multipliers, equality: Mask) -> None:
+    def _look_at(self, vectors: Any, bound: Any, equality: Any, metric: Any, radius: Any) -> tuple[Any, ...]:
+        """What processes, where there are several, should have alike, and at the end the metric of rows."""
+        b, E = check_bounds(bound, equality, vectors.shape[:1])
         vectors.require_finite()
-        vars(self).update(bound=bound, equality=equality, is_long=True, _vectors=vectors)
+        if radius is not None:
+            require_positive("radius", radius)
+        vars(self).update(bound=b, equality=E, is_long=True, _vectors=vectors, _given_metric=metric)
         vars(self).update(is_tree=not isinstance(vectors, ArrayVectors))
         if isinstance(vectors, ArrayVectors) or not vectors.has_rows:
             vars(self).update(gradient=vectors.gradient)
             if not isinstance(vectors.jacobian, tuple):
                 vars(self).update(jacobian=vectors.jacobian)
+        return b, E, radius, metric_of_rows(vectors, metric)
 
     if not TYPE_CHECKING:  # which would believe in any attribute
 

@@ -5,11 +5,12 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ._gate import metric_of_rows
+from ._gate import metric_of_rows, require_no_metric
 from ._step_run import StepRun
 from .active_set import violated
 from .arrays import ArrayLike, Bool, Float
@@ -82,16 +83,27 @@ class ConstrainedStep(StepSettings):
         """
         if not isinstance(linearization, Linearization):
             raise ValueError(f"linearization should be a Linearization; found {linearization!r}")
+        if linearization.is_tree:
+            look = partial(self._slack_and_active, linearization, thresholds, previous)
+            slack, active = linearization.vectors[0].agree(look)
+        else:
+            slack, active = self._slack_and_active(linearization, thresholds, previous)
+        if self.metric is None and not linearization.is_tree and not linearization.is_long:
+            return self._on_rows(linearization.gradients, slack, active, observe)
+        return self._in_coordinates(linearization, slack, active, observe)
+
+    def _slack_and_active(
+        self, linearization: Linearization, thresholds: ArrayLike, previous: ArrayLike | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         limits = real_values("thresholds", thresholds)
         require_shape("thresholds", limits, (linearization.values.shape[-1] - 1,))
         slack = linearization.slack(limits)
         if not is_finite(slack):  # the linearization is finite
             finite_array("thresholds", limits, 1)
             raise ValueError("values − thresholds should be finite; found one that overflows")
-        active = self._active(slack, previous)
-        if self.metric is None and not linearization.is_tree and not linearization.is_long:
-            return self._on_rows(linearization.gradients, slack, active, observe)
-        return self._in_coordinates(linearization, slack, active, observe)
+        if linearization.is_tree:
+            require_no_metric(linearization.vectors[0], self.metric)
+        return slack, self._active(slack, previous)
 
     def _in_coordinates(
         self, given: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None

@@ -67,7 +67,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     Direction : d, its multipliers, and a status that stands.
     """
     require_problem(problem)
-    solver = _checked(solver)
+    solver = problem.vectors.attempt(partial(_checked, solver)) if problem.is_tree else _checked(solver)
     if type(solver) in SELF_JUDGING:
         return solver.solve(problem)
     if problem.is_tree and not problem.vectors.has_rows:

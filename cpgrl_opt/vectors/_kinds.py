@@ -1,7 +1,7 @@
 """Which kind of vectors somebody's objects are."""
 
 from operator import itemgetter
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -15,13 +15,18 @@ from .interface import Vectors
 def kind_of(gradient: Any, jacobian: Any = None) -> Vectors | None:
     """g and J as an object of the caller's or as a tree, None for what is neither; ValueError for what does not fit."""
     if isinstance(gradient, Vectors) or has_operations(gradient):
+        vectors = gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
         if jacobian is not None:
-            raise ValueError("jacobian should not be given where gradient is an object that has the rows in it")
-        return gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
+            vectors.attempt(_refuse_rows)
+        return vectors
     if not is_tree(gradient):
         return None
     kind = TensorVectors if any(is_apart(leaf) for _, leaf in walk(gradient)) else TreeVectors
     return kind(gradient, jacobian)
+
+
+def _refuse_rows() -> NoReturn:
+    raise ValueError("jacobian should not be given where gradient is an object that has the rows in it")
 
 
 def channels_of(gradients: Any, count: int) -> Vectors | None:

@@ -5,11 +5,13 @@
 Every process solves the same small problem and forms its own part of d. No vector travels, but O(m²) numbers for K, for
 K in pairs, and for each d that is formed or measured. They are gathered, and added up in pairs by every process itself:
 all go on from the same bits. With its numbers each process says what they are of, and whether it failed; so an error on
-one is an error on all. A process that is no longer there is for the library that gathers to see.
+one is an error on all, in what it was called with too. A process that is no longer there is for the library that
+gathers to see.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -22,9 +24,10 @@ from ._torch import gather_by_torch
 from .interface import Sums, Vectors
 
 Gather = Callable[[np.ndarray], Sequence[np.ndarray]]
-_GRAMIAN, _PAIRS, _FORM, _MEASURE, _IS_ZERO = range(5)
+_GRAMIAN, _PAIRS, _FORM, _MEASURE, _IS_ZERO, _AGREE = range(6)
 # Weights of processes on unlike processors may differ by rounding; what differs by more comes of unlike bounds.
 _SAME = 1e-9
+_TEXT = 512  # bytes of an error's message that the other ranks are told
 
 
 class Sharded(Vectors):
@@ -39,20 +42,20 @@ class Sharded(Vectors):
     jacobian = None  # it is in the parts
 
     def __init__(self, gradient: Any, jacobian: Any = None, *, gather: Gather = gather_by_torch) -> None:
-        self._gather, failure, (m, n), is_finite, has_pairs = gather, None, (0, 0), True, True
-        try:
+        self._gather = gather
+        self._known: Exception | None = None  # the last error of which all ranks know
+
+        def find() -> list[Any]:
             self.part = _part_of(gradient, jacobian)
-            (m, n), is_finite, has_pairs = self.part.shape, self.part.are_finite(), self.part.has_pairs
-        except Exception as error:  # raised when the others know
-            failure = error
-        said = np.array(gather(np.array([failure is not None, m, n, not is_finite, has_pairs], np.float64)))
-        _require_success(failure, said[:, 0])
-        if len({*said[:, 1]}) > 1:
-            raise ValueError(f"all ranks should have one number of rows; found {said[:, 1].astype(int).tolist()}")
-        if not said[:, 2].any():
+            return [*self.part.shape, not self.part.are_finite(), self.part.has_pairs]
+
+        said = self._meet(5, find)
+        if len({*said[:, 0]}) > 1:
+            raise ValueError(f"all ranks should have one number of rows; found {said[:, 0].astype(int).tolist()}")
+        if not said[:, 1].any():
             raise ValueError("gradient should have at least one component; found none on any rank")
-        self._not_finite = np.flatnonzero(said[:, 3])
-        self._shape, self._has_pairs = (m, int(said[:, 2].sum())), bool(said[:, 4].all())
+        self._not_finite = np.flatnonzero(said[:, 2])
+        self._shape, self._has_pairs = (int(said[0, 0]), int(said[:, 1].sum())), bool(said[:, 3].all())
 
     @property
     def gradient(self) -> Any:
@@ -79,15 +82,34 @@ class Sharded(Vectors):
                 f"gradient and jacobian should be finite; found NaN or infinity on rank {self._not_finite}"
             )
 
+    def agree(self, work: Callable[[], Any]) -> Any:
+        """ValueError on all ranks, too, where they return unlike numbers."""
+        found: list[Any] = []
+
+        def find() -> tuple[np.ndarray, Any]:
+            found.extend(work())
+            return np.concatenate([np.ravel(each) for each in found if each is not None]), ()
+
+        self._sum(_AGREE, find)
+        return found
+
+    def attempt(self, work: Callable[[], Any]) -> Any:
+        """An error that is no answer to what another rank said is told to them."""
+        try:
+            return work()
+        except Exception as error:
+            if error is not self._known:
+                self._sum(_AGREE, partial(_raise, error))
+            raise
+
     def is_zero(self, index: int) -> bool:
         """On all ranks."""
-        nothing = self._sum(_IS_ZERO, [index], 1, lambda: [not self.part.is_zero(index)])
-        return not nothing.hi[0]
+        return not self._sum(_IS_ZERO, lambda: ([index], [not self.part.is_zero(index)])).hi[0]
 
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """The sum of those of all parts."""
         count = 1 + self._shape[0]
-        return self._sum(_GRAMIAN, [], count**2, lambda: self.part.gramian().ravel()).hi.reshape(count, count)
+        return self._sum(_GRAMIAN, lambda: ([], self.part.gramian())).hi.reshape(count, count)
 
     @property
     def has_pairs(self) -> bool:
@@ -97,7 +119,7 @@ class Sharded(Vectors):
     def gramian_in_pairs(self) -> Pair:
         """The same in pairs."""
         count = 1 + self._shape[0]
-        sums = self._sum(_PAIRS, [], 2 * count**2, lambda: np.ravel(self.part.gramian_in_pairs()))
+        sums = self._sum(_PAIRS, lambda: ([], self.part.gramian_in_pairs()))
         hi, lo = (part.reshape(2, count, count) for part in sums)
         return Pair(hi[0], lo[0]).plus(Pair(hi[1], lo[1]))
 
@@ -105,36 +127,63 @@ class Sharded(Vectors):
         """The part of d on this rank; the sums are NaN where a part is not finite in its dtype."""
         formed = []
 
-        def find() -> np.ndarray:
+        def find() -> tuple[Any, np.ndarray]:
             d, sums = self.part.form(weights, forces)
             formed.append(d)
-            return sums if self.part.is_representable(d) else np.full(len(sums), np.nan)
+            is_finite = self.part.is_representable(d)
+            return [*weights, forces], sums if is_finite else np.full(len(sums), np.nan)
 
-        sums = self._sum(_FORM, np.concatenate([*weights, forces]), 1 + len(forces), find).hi
+        sums = self._sum(_FORM, find).hi
         return formed[0], sums
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """Of the d whose part on this rank it is."""
-        return self._sum(_MEASURE, forces, 1 + len(forces), lambda: self.part.measure(direction, forces)).hi
+        return self._sum(_MEASURE, lambda: (forces, self.part.measure(direction, forces))).hi
 
-    def _sum(self, what: int, asked: Any, count: int, find: Callable[[], Any]) -> Pair:
-        """The sum over all ranks of what each finds; ValueError on all where they ask for different things."""
-        channels = 1 + self._shape[0]
-        message, failure, end = np.zeros(2 + 3 * channels + 2 * channels**2), None, 2 + len(asked)
-        message[0], message[2:end] = what, asked
-        try:
-            message[end : end + count] = find()
-        except Exception as error:  # raised when the others know
-            failure = error
-        message[1] = failure is not None
-        said = np.array(self._gather(message))
-        _require_success(failure, said[:, 1])
-        apart = np.abs(said[:, 2:end] - message[2:end]).max(initial=0.0)
-        if (said[:, 0] != what).any() or not apart <= _SAME * np.abs(message[2:end]).max(initial=0.0):
-            raise ValueError("all ranks should solve the same problem; found bounds or calls that differ")
+    def _sum(self, what: int, find: Callable[[], tuple[Any, Any]]) -> Pair:
+        """The sum over all ranks of the numbers, the second, that each finds.
+
+        ValueError on all where the call, or the first, which they are asked of, are not the same on all.
+        """
+        channels, parts = 1 + self._shape[0], [np.zeros(0), np.zeros(0)]
+
+        def message() -> np.ndarray:
+            parts[:] = map(np.ravel, find())
+            return np.concatenate([[what], *parts])
+
+        said = self._meet(2 + 3 * channels + 2 * channels**2, message)
+        asked, found = parts
+        theirs, numbers = said[:, 1 : 1 + len(asked)], said[:, 1 + len(asked) :][:, : len(found)]
+        size = _SAME * np.abs(asked[np.isfinite(asked)]).max(initial=0.0)
         with np.errstate(invalid="ignore", over="ignore"):
-            numbers = np.ascontiguousarray(said[:, end : end + count].T)
+            if not ((said[:, 0] == what).all() and ((theirs == asked) | (np.abs(theirs - asked) <= size)).all()):
+                self._known = ValueError("all ranks should solve the same problem; found bounds or calls that differ")
+                raise self._known
+            numbers = np.ascontiguousarray(numbers.T)
             return Pair(numbers, np.zeros_like(numbers)).sums()
+
+    def _meet(self, size: int, find: Callable[[], Any]) -> np.ndarray:
+        """(ranks, size − 1): the numbers that each finds. An error on one is raised there, and is a ValueError on all.
+
+        All messages but the first are of one size: so whatever the others are about, they learn of an error.
+        """
+        message, failure = np.zeros(size), None
+        try:
+            found = np.ravel(find())
+            message[1 : 1 + len(found)] = found
+        except Exception as error:  # raised when the others know
+            failure, message[0] = error, 1.0
+        try:
+            said = np.array(self._gather(message))
+            failed = np.flatnonzero(said[:, 0])
+            if failed.size:
+                texts = self._gather(_encoded(str(failure)))
+                told = "; ".join(f"rank {k}: {_decoded(texts[k])}" for k in failed.tolist())
+                raise failure or ValueError(f"all ranks should bring what is asked of them; found on {told}")
+        except Exception as error:
+            self._known = error
+            raise
+        return said[:, 1:]
 
 
 def _part_of(gradient: Any, jacobian: Any) -> Vectors:
@@ -147,9 +196,14 @@ def _part_of(gradient: Any, jacobian: Any) -> Vectors:
     return ArrayVectors(g, J)
 
 
-def _require_success(failure: Exception | None, failed: np.ndarray) -> None:
-    """The error of this rank; or ValueError that says on which rank there is one."""
-    if failure is not None:
-        raise failure
-    if failed.any():
-        raise ValueError(f"all ranks should bring their part; found an error on rank {np.flatnonzero(failed)}")
+def _encoded(text: str) -> np.ndarray:
+    """A text as so many numbers, which all ways of gathering know."""
+    return np.frombuffer(text.encode()[:_TEXT].ljust(_TEXT), np.uint8).astype(np.float64)
+
+
+def _decoded(numbers: np.ndarray) -> str:
+    return bytes(np.asarray(numbers).astype(np.uint8)).decode(errors="ignore").rstrip()
+
+
+def _raise(error: Exception) -> NoReturn:
+    raise error

@@ -9,6 +9,7 @@ needs a copy of them and was measured to be slower and less exact.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -80,6 +81,14 @@ class Vectors:
         """ValueError for NaN and infinities."""
         if not self.are_finite():
             raise ValueError("gradient and jacobian should be finite, and their squares too; found NaN or infinity")
+
+    def agree(self, work: Callable[[], Any]) -> Any:
+        """What work returns, arrays and None; where vectors lie in several processes, an error on one is one on all."""
+        return work()
+
+    def attempt(self, work: Callable[[], Any]) -> Any:
+        """What work returns; an error is one on all processes when they look at their vectors next."""
+        return work()
 
     def row_of(self, direction: Any, name: str = "direction.value") -> Any:  # noqa: ARG002
         """d as one array of float64 where the kind has rows, else d."""

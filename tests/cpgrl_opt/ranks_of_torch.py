@@ -10,8 +10,66 @@ from typing import Any
 
 import numpy as np
 
-from cpgrl_opt import DirectionProblem, solve
+from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, DirectionProblem, Linearization, Status, kkt_residuals, solve
 from cpgrl_opt.vectors import Sharded, gather_by_torch
+
+VALUES = [0.0, -0.5, 0.25, -1.0]
+# What a call says on the rank where its argument is wrong.
+WRONG = {
+    "dtype of g": "gradient should be an array of real numbers; found dtype complex128",
+    "shape of g": "gradient should have shape",
+    "rows beside": "jacobian should not be given where gradient is an object",
+    "length of bound": "bound should have shape (3,); found (2,)",
+    "NaN in bound": "bound should have no NaN",
+    "numbers for equality": "equality should be an array of booleans",
+    "radius": "radius should be a finite number > 0; found -1.0",
+    "metric": "metric should be None where gradient is an object",
+    "NaN in values": "values should be finite; found nan",
+    "length of values": "values should have shape (4,); found (3,)",
+    "thresholds": "thresholds should have shape (3,); found (2,)",
+    "previous": "previous should have shape (3,); found (2,)",
+    "metric of a step": "metric should be None where gradient is an object",
+    "solver": "solver should be one of",
+    "solver that breaks": "no memory left",
+    "multipliers": "direction.multipliers should have shape (3,); found (4,)",
+}
+
+
+class Breaks:
+    """A solver that does."""
+
+    def solve(self, problem: DirectionProblem) -> Direction:  # noqa: ARG002
+        raise MemoryError("no memory left")
+
+
+def call(what: str, wrong: bool, g: Any, J: Any, gather: Any) -> Any:
+    """What the call named gives, with an argument that is wrong or right."""
+    if what.endswith("of g"):
+        wrong_g = g * 1j if what.startswith("dtype") else g[1:]
+        return Sharded(wrong_g if wrong else g, J, gather=gather)
+    vectors, some, three = Sharded(g, J, gather=gather), np.zeros(2 + (not wrong)), np.zeros(3)
+    if what in ("thresholds", "previous", "metric of a step"):
+        step = ConstrainedStep(metric=np.ones(len(g)) if what.startswith("metric") and wrong else None)
+        previous = some.astype(bool) if what == "previous" else None
+        return step(Linearization(VALUES, vectors), some if what == "thresholds" else three, previous)
+    if "values" in what:
+        odd: Any = VALUES[1:] if what.startswith("length") else [np.nan, *VALUES[1:]]
+        return Linearization(odd if wrong else VALUES, vectors)
+    if "solver" in what:
+        odd = Breaks() if what.endswith("breaks") else "nonesuch"
+        return solve(DirectionProblem(vectors), odd if wrong else SOLVERS["active-set"])
+    if what == "multipliers":
+        problem, mu = DirectionProblem(vectors), np.zeros(3 + wrong)
+        return kkt_residuals(problem, Direction(problem.vectors.zero(), mu, Status.OPTIMAL))
+    others = {
+        "rows beside": {"jacobian": J},
+        "length of bound": {"bound": some},
+        "NaN in bound": {"bound": np.nan},
+        "numbers for equality": {"equality": three},
+        "radius": {"radius": -1.0},
+        "metric": {"metric": np.ones(len(g))},
+    }
+    return DirectionProblem(vectors, **(others[what] if wrong else {}))
 
 
 def part(rank: int, count: int) -> tuple[Any, Any]:
@@ -28,12 +86,19 @@ def work(rank: int, count: int, folder: Path) -> None:
     distributed.init_process_group(
         "gloo", init_method=f"file://{folder}/meeting", rank=rank, world_size=count, timeout=timedelta(seconds=30)
     )
-    found: dict[str, Any] = {"answers": {}}
+    found: dict[str, Any] = {"answers": {}, "wrong": {}}
     for few in (1, 2, 4):
         group = distributed.new_group(list(range(few)))
         if rank < few:
             vectors = Sharded(*part(rank, few), gather=partial(gather_by_torch, group=group))
             found["answers"][few] = solve(DirectionProblem(vectors, bound=0.25))
+    pair = distributed.new_group([0, 1], timeout=timedelta(seconds=10))  # who waits so long would wait for ever
+    g, J = (each.numpy() for each in part(rank % 2, 2))
+    for what in WRONG if rank < 2 else ():
+        try:
+            call(what, rank == 1, g, J, partial(gather_by_torch, group=pair))
+        except Exception as error:
+            found["wrong"][what] = f"{type(error).__name__}: {error}"
     g, J = part(rank, count)
     try:
         DirectionProblem(Sharded(g, J.clone().fill_(np.nan) if rank == 1 else J))

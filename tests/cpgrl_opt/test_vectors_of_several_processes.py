@@ -15,6 +15,8 @@ import pytest
 from cpgrl_opt import ConstrainedStep, Direction, DirectionProblem, Linearization, Status, kkt_residuals, solve
 from cpgrl_opt.vectors import Sharded
 
+from .ranks_of_torch import WRONG, call
+
 RANKS = pytest.mark.parametrize("count", [1, 2, 4])
 
 
@@ -127,7 +129,7 @@ def test_what_is_sent_grows_with_the_rows_alone() -> None:
         sent.append(ranks.sent)
     channels = 4
     each = 8 * (2 + 3 * channels + 2 * channels**2)
-    assert sent[0] == sent[1] == [[40, each, each]] * 2  # the parts' shapes, K, and the sums of d
+    assert sent[0] == sent[1] == [[40, each, each, each]] * 2  # the parts' shapes, the bounds, K, and the sums of d
 
 
 def test_a_rank_may_have_no_parameters() -> None:
@@ -174,10 +176,10 @@ def damaged(what: str) -> Callable[[int, Any], Any]:
     [
         ("nan", r"gradient and jacobian should be finite; found NaN or infinity on rank \[1\]"),
         ("fewer rows", r"all ranks should have one number of rows; found \[3, 2"),
-        ("no such part", r"all ranks should bring their part; found an error on rank \[1\]"),
+        ("no such part", r"all ranks should bring what is asked of them; found on rank 1: gradient should have shape"),
         ("another bound", "all ranks should solve the same problem; found bounds or calls that differ"),
         ("another set", "all ranks should solve the same problem; found bounds or calls that differ"),
-        ("fails later", r"all ranks should bring their part; found an error on rank \[1\]"),
+        ("fails later", r"all ranks should bring what is asked of them; found on rank 1: 'NoneType' object has"),
     ],
 )
 def test_an_error_on_one_rank_is_an_error_on_all(what: str, message: str) -> None:
@@ -189,6 +191,24 @@ def test_an_error_on_one_rank_is_an_error_on_all(what: str, message: str) -> Non
                 raise found[rank]
         if what == "no such part":
             assert "gradient should have shape (40,); found (39,)" in str(found[1])
+
+
+def require_told(what: str, errors: list[str]) -> None:
+    kind = "MemoryError" if what == "solver that breaks" else "ValueError"
+    assert errors[1].startswith(f"{kind}: {WRONG[what]}"), errors[1]
+    asked = f"ValueError: all ranks should bring what is asked of them; found on rank 1: {WRONG[what]}"
+    assert errors[0].startswith(asked), errors[0]
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_argument_on_one_rank_is_an_error_on_all(what: str) -> None:
+    parts = np.array_split(draw(0), 2, axis=1)
+    ranks = Ranks(2)
+    found = ranks.run(lambda rank, gather: call(what, rank == 1, *as_arrays(parts[rank]), gather))
+    require_told(what, [f"{type(error).__name__}: {error}" for error in found])
+    assert [len(sent) for sent in ranks.sent] == [len(ranks.sent[0])] * 2  # nobody is one message ahead
+    found = ranks.run(lambda rank, gather: call(what, False, *as_arrays(parts[rank]), gather))
+    assert not any(isinstance(each, Exception) for each in found)
 
 
 def test_without_a_way_to_the_others_it_is_refused() -> None:
@@ -233,6 +253,8 @@ def test_processes_of_torch_agree_and_learn_of_one_that_dies(tmp_path: Path) -> 
             np.testing.assert_array_equal(answer.multipliers, answers[0].multipliers)
             assert answer.residuals == answers[0].residuals
         np.testing.assert_allclose(whole([each.value.numpy() for each in answers]), expected.value, atol=1e-12)
+    for what in WRONG:
+        require_told(what, [each["wrong"][what] for each in found[:2]])
     for each in found:
         assert "should be finite; found NaN or infinity on rank [1]" in each["nan"]
     for each in found[:3]:
