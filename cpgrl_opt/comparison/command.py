@@ -9,11 +9,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from shlex import quote
 
-from .._folder_lock import locked_folder
 from ..solvers import SOLVERS
 from .checkpoint import MEASUREMENTS, CellKey
 from .contestants import DEFAULT_SOLVER, installed
 from .families import FAMILIES
+from .folder_lock import locked_folder
 from .measurement import Cell, Measurement, cells_of, write_cells
 from .named_families import families_asked, family_named
 from .runner import COMMON_PACKAGES, ComparisonSettings, Listen, open_checkpoint, run_comparison

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from cpgrl_opt._folder_lock import FolderInUseError, locked_folder
+from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 
 from ..interrupts import InterruptsHeld
 from .checkpoints import forget, holds

@@ -9,12 +9,12 @@ import threading
 
 import pytest
 
-from cpgrl_opt._folder_lock import LOCK, FolderInUseError, locked_folder
+from cpgrl_opt.comparison.folder_lock import LOCK, FolderInUseError, locked_folder
 
 HOLDER = """
 import sys
 from pathlib import Path
-from cpgrl_opt._folder_lock import locked_folder
+from cpgrl_opt.comparison.folder_lock import locked_folder
 with locked_folder(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
@@ -73,7 +73,7 @@ def test_the_thread_that_holds_it_may_enter_again_and_no_other(tmp_path, monkeyp
 CONTEST = """
 import os, sys
 from pathlib import Path
-from cpgrl_opt._folder_lock import FolderInUseError, locked_folder
+from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 folder, entered = Path(sys.argv[1]), 0
 while entered < 100:
     try:

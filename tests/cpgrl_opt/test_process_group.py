@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from cpgrl_opt._process_group import ProcessGroup, exit_on_termination
+from cpgrl_opt.comparison.process_group import ProcessGroup, exit_on_termination
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills process groups")
 
@@ -23,7 +23,7 @@ re.match("(a*)*b", "a" * 60)
 """
 PARENT = f"""
 import sys
-from cpgrl_opt._process_group import ProcessGroup, exit_on_termination
+from cpgrl_opt.comparison.process_group import ProcessGroup, exit_on_termination
 with exit_on_termination():
     group = ProcessGroup([sys.executable, "-c", {LOOP!r}], stdin=-3)
     try:

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from cpgrl_opt._folder_lock import LOCK
+from cpgrl_opt.comparison.folder_lock import LOCK
 from cpgrl_opt.comparison.measurement import read_measurements
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="sends signals")

@@ -8,8 +8,8 @@ import time
 import pytest
 from typer.testing import CliRunner
 
-from cpgrl_opt._folder_lock import LOCK, FolderInUseError, locked_folder
 from cpgrl_opt.comparison.command import Request, compare
+from cpgrl_opt.comparison.folder_lock import LOCK, FolderInUseError, locked_folder
 from rl.cli import app
 from rl.experiments.checkpoints import FOLDER
 from rl.experiments.results_directory import results_directory
