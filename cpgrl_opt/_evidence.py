@@ -51,18 +51,19 @@ def ways_to_look(problem: DirectionProblem) -> tuple[Any, ...]:
     """Functions that look at (d, μ, κ), the quickest first; each is None where it sees nothing."""
     if problem.metric is None:
         if problem.is_tree and not problem.vectors.has_rows:
-            return (_look_in_passes,)  # there is no other way
-        return (_look_in_passes, _look, _look_closely) if problem.is_long else (_look, _look_closely)
+            return (look_in_passes,)  # there is no other way
+        return (look_in_passes, _look, _look_closely) if problem.is_long else (_look, _look_closely)
     if callable(problem.metric):
         return (_look_by_products,)
     return (_look_in_units, _look_closely) if problem.metric.ndim == 1 else (_look_closely,)
 
 
-def _look_in_passes(problem: DirectionProblem, d: Any, mu: Multipliers, kappa: float) -> Evidence | None:
-    """Over long vectors as they are; at nothing where a square leaves float64."""
+def look_in_passes(problem: DirectionProblem, d: Any, mu: Multipliers, kappa: float) -> Evidence | None:
+    """Over long vectors as they are, d in the form of g; at nothing where a square leaves float64."""
     lengths, certificate = problem.vectors.lengths(), problem.vectors.certificate(d, mu, kappa)
     sizes = [each for i, each in enumerate(lengths.tolist()) if each > 0.0 or not problem.vectors.is_zero(i)]
-    sizes += [certificate.length] if certificate.length > 0.0 or (problem.vectors.has_rows and d.any()) else []
+    is_some = certificate.length > 0.0 or (problem.vectors.has_rows and problem.row_of(d).any())
+    sizes += [certificate.length] if is_some else []
     if not (_SAFE_LENGTH[0] < min(sizes, default=1.0) and max(sizes, default=1.0) < _SAFE_LENGTH[1]):
         return None
     return read_certificate(certificate, problem, mu, kappa, lengths)

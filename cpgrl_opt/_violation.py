@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import Float, Mask, Multipliers, Vector
 from .flat import flatten
-from .problem import DirectionProblem, require_problem
+from .problem import DirectionProblem, require_problem, require_rows
 from .scaling import demand, norm, unit_rows
 from .validation import real_values, require_shape
 
@@ -45,6 +45,7 @@ class Violation:
 
 def violation(problem: DirectionProblem, d: Vector) -> Violation:
     """The violation of d, M = I; zero rows, which no d can mend, are left out."""
+    require_rows(problem)
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0) & (problem.bound > -np.inf)
     bound = np.where(on, rows.per_length(problem.bound), 0.0)
@@ -75,6 +76,7 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
     require_problem(problem)
+    require_rows(problem)
     d = problem.row_of(d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
@@ -93,6 +95,7 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     violates less, Π(d + Ĵᵀr) being a step of projected descent.
     """
     require_problem(problem)
+    require_rows(problem)
     d = problem.row_of(d)
     require_shape("d", d, (problem.n,))
     if not np.isfinite(d).all():
@@ -134,6 +137,7 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     most max(8·eps·Σ|ŷ|, max(−ŷ)₊ on I) / ((b̂ᵀŷ − radius ‖Ĵᵀŷ‖) / max(|b̂|, radius)). In a metric, where M = I.
     """
     require_problem(problem)
+    require_rows(problem)
     y = real_values("y", y)
     require_shape("y", y, (problem.m,))
     if problem.metric is not None and np.isfinite(y).all() and y.any():

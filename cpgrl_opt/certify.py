@@ -38,7 +38,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ._evidence import Evidence, read_certificate, ways_to_look
+from ._evidence import Evidence, look_in_passes, read_certificate, ways_to_look
 from ._violation import (
     FARKAS_TOLERANCE,
     excess_violation,
@@ -130,8 +130,10 @@ def certify(
         is_granted = residuals.worst <= tolerance
         is_far = seen is not None and is_missed(seen.bound, seen.slack, problem.equality)
         if is_granted and (is_far or (problem.radius is None and misses_in_its_own_units(problem, answer.value))):
-            alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
-            is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
+            is_granted = not problem.is_tree or problem.vectors.has_rows  # an object shows no rows that tell
+            if is_granted:
+                alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
+                is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
         is_granted = _is_impossible(problem, answer, tolerance)
         if not is_granted and problem.metric is not None and problem.radius is None and not problem.is_long:
@@ -171,7 +173,8 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
         mu, kappa = problem.vectors.agree(partial(_forces_of, problem, direction))
     else:
         mu, kappa = _forces_of(problem, direction)
-    return _look_and_measure(problem, Direction(problem.row_of(direction.value), mu, Status.OPTIMAL, 0, kappa))[0]
+    d = direction.value if problem.is_tree else problem.row_of(direction.value)
+    return _look_and_measure(problem, Direction(d, mu, Status.OPTIMAL, 0, kappa))[0]
 
 
 def _forces_of(problem: DirectionProblem, direction: HasValueAndMultipliers) -> tuple[Multipliers, float]:
@@ -211,9 +214,9 @@ def is_proven(problem: DirectionProblem, answer: HasValueAndMultipliers) -> bool
 def _look_and_measure(problem: DirectionProblem, answer: Direction) -> tuple[KKTResiduals, Evidence | None]:
     """The residuals, and what they were measured on; hopeless where nothing tells."""
     kappa = 1.0 if problem.radius is None else answer.radius_multiplier
-    d = problem.row_of(answer.value) if problem.is_tree else answer.value
     has_rows = not problem.is_tree or problem.vectors.has_rows  # else nothing is looked at more closely
     for look in ways_to_look(problem):
+        d = problem.row_of(answer.value) if problem.is_tree and look is not look_in_passes else answer.value
         seen = look(problem, d, answer.multipliers, kappa)
         residuals = None if seen is None else _measure(seen, doubtful=_DOUBTFUL if has_rows else _ALLOWED)
         if residuals is not None:

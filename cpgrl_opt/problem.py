@@ -163,6 +163,7 @@ class DirectionProblem(_Arrays):
 
     def copied(self) -> "DirectionProblem":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
+        require_rows(self)
         g, J, b, E = (array.copy() for array in _arrays(self))
         problem = DirectionProblem.trusted(g, J, b, E, self.radius)
         if self.metric is not None:
@@ -206,6 +207,12 @@ def require_problem(problem: Any) -> DirectionProblem:
     if not isinstance(problem, DirectionProblem):
         raise ValueError(f"problem should be a DirectionProblem; found {problem!r}")
     return problem
+
+
+def require_rows(problem: DirectionProblem) -> None:
+    """ValueError where g and J are an object that shows no numbers: nothing that looks at rows can be asked of it."""
+    if problem.is_tree and not problem.vectors.has_rows:
+        raise ValueError(f"problem should have g and J as arrays, or in trees of arrays; found {problem.gradient!r}")
 
 
 def nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> Direction:

@@ -10,6 +10,7 @@ from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
 from .interface import DirectionSolver, ask, solve_stacked, unsupported
 from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
+from .span import solve_in_span
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class WithGeometry(Solver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The direction of the problem where M = I, judged on the problem itself; see `Status`."""
+        if problem.is_tree and not problem.vectors.has_rows:
+            return solve_in_span(self.solve, problem, self.tolerance, is_exact=False)
         if problem.metric is not None or problem.radius is not None:
             return solve_in_geometry(self, problem)
         return self.solve_rows(problem) if self.supports(problem) else unsupported(problem)

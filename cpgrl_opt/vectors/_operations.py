@@ -70,13 +70,13 @@ class OperationVectors(Vectors):
         """Seen in a large multiple."""
         weights = np.zeros(len(self.gramian()))
         weights[index] = _LARGE
-        large = self.gradient.lincomb(weights)
-        return not _checked(self.gradient.extended(large).gramian())[-1, -1] > 0.0
+        large = _lincomb(self.gradient, weights)
+        return not self._gramian_with(large)[-1, -1] > 0.0
 
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """The object's own; ValueError for what is no table of inner products."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            return _checked(self.gradient.gramian())
+            return _checked("gramian()", self.gradient.gramian())
 
     @property
     def has_pairs(self) -> bool:
@@ -85,28 +85,61 @@ class OperationVectors(Vectors):
 
     def gramian_in_pairs(self) -> Pair:
         """The object's own."""
-        hi, lo = self.gradient.gramian_in_pairs()
-        return Pair(_checked(hi), real_values("gramian_in_pairs()", lo).copy())
+        name, count = "gramian_in_pairs()", len(self.gramian())
+        pair = real_values(name, self.gradient.gramian_in_pairs())
+        require_shape(name, pair, (2, count, count))
+        return Pair(_checked(name, pair[0]), pair[1].copy())
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """By the object, which then measures what it formed."""
         in_pairs = self.has_pairs and weights.lo.any()
-        d = self.gradient.lincomb_in_pairs(*weights) if in_pairs else self.gradient.lincomb(weights.rounded())
+        d = _lincomb(self.gradient, *weights) if in_pairs else _lincomb(self.gradient, weights.rounded())
         return d, self.measure(d, forces)
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """By K of the vectors, d and r."""
-        rest = self.gradient.extended(direction).lincomb(np.append(-forces, 1.0))
-        K = _checked(self.gradient.extended(direction, rest).gramian())
+        rest = _lincomb(_extended(self.gradient, direction), np.append(-forces, 1.0))
+        K = self._gramian_with(direction, rest)
         return np.concatenate([[K[-1, -1]], K[-2, 1:-1]])
 
+    def _gramian_with(self, *vectors: Any) -> np.ndarray:
+        """K of the vectors and these."""
+        count = len(self.gramian()) + len(vectors)
+        return _checked("gramian() of what extended() returns", _extended(self.gradient, *vectors).gramian(), count)
 
-def _checked(gramian: Any) -> np.ndarray:
-    """K, symmetric but for rounding."""
-    K = real_values("gramian()", gramian).copy()
-    require_shape("gramian()", K, (len(K),) * 2 if K.ndim else (1, 1))
+
+def _lincomb(given: Any, *weights: np.ndarray) -> Any:
+    """Σ wᵢvᵢ, in pairs with weights in pairs."""
+    name = "lincomb" if len(weights) == 1 else "lincomb_in_pairs"
+    found = _ask(given, name, f"{len(weights[0])} weights", *weights)
+    if found is None:
+        raise ValueError(f"{name}() should return a vector; found None")
+    return found
+
+
+def _extended(given: Any, *vectors: Any) -> Any:
+    """The object with vectors behind its own."""
+    more = _ask(given, "extended", "what lincomb() returns", *vectors)
+    if not has_operations(more):
+        raise ValueError(f"extended() should return an object with gramian, lincomb and extended; found {more!r}")
+    return more
+
+
+def _ask(given: Any, name: str, what: str, *arguments: Any) -> Any:
+    """What the method returns; ValueError where it does not take what it should."""
+    try:
+        return getattr(given, name)(*arguments)
+    except (TypeError, ValueError, AttributeError, IndexError) as error:
+        kinds = ", ".join(type(argument).__name__ for argument in arguments)
+        raise ValueError(f"{name}() should take {what}; found that {kinds} is an error: {error}") from error
+
+
+def _checked(name: str, gramian: Any, count: int | None = None) -> np.ndarray:
+    """K of so many vectors, symmetric but for rounding."""
+    K = real_values(name, gramian).copy()
+    require_shape(name, K, (count or (len(K) if K.ndim else 1),) * 2)
     with np.errstate(all="ignore"):
         lengths = np.sqrt(np.abs(K.diagonal()))
         if (np.abs(K - K.T) > _ASYMMETRY * lengths * lengths[:, None]).any():
-            raise ValueError(f"gramian() should be symmetric; found {K}")
+            raise ValueError(f"{name} should be symmetric; found {K}")
         return 0.5 * K + 0.5 * K.T

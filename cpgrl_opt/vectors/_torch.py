@@ -29,12 +29,13 @@ def is_apart(value: Any) -> bool:
 
 
 def detach(tensor: Any) -> Any:
-    """The tensor without its graph; ValueError for what is sparse or has no float64 beside it."""
+    """The tensor without graph or sign bit; ValueError for what is sparse or has no float64 beside it."""
     if tensor.layout is not _torch().strided or (not tensor.is_cpu and tensor.device.type in ("meta", "mps")):
         raise ValueError(
             f"tensors should be dense and on a device that has float64; found {tensor.layout} on {tensor.device}"
         )
-    return tensor.detach() if tensor.requires_grad else tensor
+    tensor = tensor.detach() if tensor.requires_grad else tensor
+    return tensor.resolve_neg() if tensor.is_neg() else tensor  # of a conjugate's imaginary part NumPy sees nothing
 
 
 def is_float(tensor: Any) -> bool:

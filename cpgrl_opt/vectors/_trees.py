@@ -19,6 +19,7 @@ from ._numpy import BFLOAT16, DTYPES, Leaf, LeafVectors
 
 Path = tuple[Any, ...]  # keys from a tree's root to a leaf
 _LISTS, _NODES = (list, tuple), (list, tuple, dict)
+_WIDE = 8  # bytes of a float64, in either order
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +159,9 @@ class TreeVectors(LeafVectors):
 
 
 def is_tree(gradient: Any) -> bool:
-    """Whether it is a tree of arrays, a tensor of another library, or an array of float32."""
+    """Whether it is a tree of arrays, a tensor of another library, or an array of other floats than float64."""
     if isinstance(gradient, np.ndarray):
-        return bool(gradient.dtype == np.float32)
+        return bool(gradient.dtype.kind == "f" and gradient.dtype.itemsize != _WIDE)
     if isinstance(gradient, dict):
         return True
     if isinstance(gradient, list | tuple):

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import tracemalloc
 from collections import namedtuple
 from collections.abc import Callable
 from typing import Any
@@ -287,6 +288,37 @@ def test_tensors_that_are_not_for_us_are_refused_by_name() -> None:
             DirectionProblem(gradient, [row])
     with pytest.raises(ValueError, match="should be an array of float64, float32 or bfloat16; found ndarray of uint16"):
         DirectionProblem({"a": np.ones(2, np.uint16)}, [])  # which might be the bits of bfloat16
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.longdouble])
+def test_floats_that_are_none_of_ours_are_refused_by_name(dtype: Any) -> None:
+    g, J = np.ones(2, dtype), np.ones((1, 2), dtype)
+    with pytest.raises(ValueError, match="gradient should be an array of float64, float32 or bfloat16; found ndarray"):
+        DirectionProblem(g, J)
+    with pytest.raises(ValueError, match="jacobian should be of the gradient's kind, arrays of float64; found"):
+        DirectionProblem(np.ones(2), J)
+    assert DirectionProblem(np.ones(2, ">f8"), np.ones((1, 2), int)).gradient.dtype == np.float64
+
+
+def test_numbers_of_a_conjugate_are_read_as_they_are() -> None:
+    torch = pytest.importorskip("torch")
+    g = torch.tensor([1.0 + 2.0j, 3.0 - 1.0j]).conj().imag
+    assert g.is_neg()
+    assert ACTIVE_SET.solve(DirectionProblem(g, [g.clone()])).value.tolist() == [-2.0, 1.0]
+
+
+def test_the_referee_copies_no_tree() -> None:
+    draws = [np.random.default_rng(seed).standard_normal(100_000) for seed in range(3)]
+    g, *rows = ({"a": each, "b": each.astype(np.float32)} for each in draws)
+    problem = DirectionProblem(g, rows)
+    answer = ACTIVE_SET.solve(problem)
+    kkt_residuals(problem, answer)  # compiles
+    tracemalloc.start()
+    try:
+        kkt_residuals(problem, answer)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_direction_of_another_form_is_refused_by_the_referee() -> None:

@@ -17,6 +17,7 @@ from cpgrl_opt import (
     Linearization,
     Status,
     WithGeometry,
+    farkas_residual,
     kkt_residuals,
     solve,
     solve_batch,
@@ -256,6 +257,51 @@ def test_what_does_not_fit_is_refused() -> None:
         DirectionProblem(V[0])
     with pytest.raises(ValueError, match=r"problems should have one shape; found \[\(\)\]"):
         solve_batch("active-set", [DirectionProblem(Kept(V))])
+
+
+class Fixed(Kept):
+    def lincomb(self, weights: np.ndarray) -> Any:  # noqa: ARG002
+        return self.V[0]
+
+
+FAULTY = np.ones((2, 3))
+FAULTS = [
+    ("gramian", None, r"gramian\(\) should be an array of real numbers"),
+    ("gramian", FAULTY, r"gramian\(\) should have shape \(2, 2\); found \(2, 3\)"),
+    ("lincomb", None, r"lincomb\(\) should return a vector; found None"),
+    ("lincomb", FAULTY, r"extended\(\) should take what lincomb\(\) returns; found that ndarray is"),
+    ("extended", None, r"extended\(\) should return an object with gramian, lincomb and extended; found None"),
+    ("extended", Kept(NEAR), r"lincomb\(\) should take 4 weights; found that ndarray is an error: matmul"),
+    ("extended", Fixed(NEAR), r"gramian\(\) of what extended\(\) returns should have shape \(5, 5\); found \(3, 3\)"),
+    ("gramian_in_pairs", None, r"gramian_in_pairs\(\) should be an array of real numbers"),
+    ("gramian_in_pairs", FAULTY, r"gramian_in_pairs\(\) should have shape \(2, 3, 3\); found \(2, 3\)"),
+    ("lincomb_in_pairs", None, r"lincomb_in_pairs\(\) should return a vector; found None"),
+]
+
+
+@pytest.mark.parametrize(("method", "found", "message"), FAULTS)
+def test_a_method_that_is_wrong_is_named(method: str, found: Any, message: str) -> None:
+    in_pairs = method.endswith("in_pairs")
+    given = (InPairs if in_pairs else Kept)(NEAR)
+    setattr(given, method, lambda *_: found)
+    with pytest.raises(ValueError, match=message):
+        solve(DirectionProblem(given, bound=[0.5] * (1 if method == "gramian" else 2)))
+
+
+def test_what_needs_rows_is_refused_and_the_rest_is_right() -> None:
+    problem, solver = DirectionProblem(Kept(OPPOSING), bound=1.0), SOLVERS["active-set"]
+    answer = solver.solve(problem)
+    for ask in (problem.copied, lambda: farkas_residual(problem, answer.multipliers)):
+        with pytest.raises(ValueError, match="problem should have g and J as arrays, or in trees of arrays; found <"):
+            ask()
+    with pytest.raises(ValueError, match=r"extended\(\) should take what lincomb\(\) returns; found that ndarray is"):
+        kkt_residuals(problem, Direction(np.ones(3), answer.multipliers, Status.OPTIMAL))
+    for bound, status in ((1.0, Status.INFEASIBLE), (-1.0, Status.OPTIMAL)):
+        again = DirectionProblem(Kept(OPPOSING), bound=bound)
+        assert WithGeometry(solver).solve(again).status == solver.solve(again).status == status
+    for metric in (np.ones(4), np.eye(4), lambda v: v):
+        with pytest.raises(ValueError, match="metric should be None where gradient is an object"):
+            ConstrainedStep(metric=metric)(Linearization(np.zeros(3), Kept(OPPOSING)), np.zeros(2))
 
 
 def test_an_object_is_shown_as_it_was_given() -> None:
