@@ -5,14 +5,16 @@ from typing import Any
 
 import numpy as np
 
+from ._violation import is_missed
 from .arrays import Bool, Float, Int
 from .direction import DirectionBatch, DirectionError, Status
 from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
 from .formulation import FORMULATIONS, ActiveConstraints
-from .problem import ProblemBatch
+from .problem import DirectionProblem, ProblemBatch
 from .recovery import recover
-from .scaling import lengths
+from .scaling import lengths, unit_rows
 from .solvers import ActiveSet, DirectionSolver, Rosen, solve_batch, tolerance_of
+from .solvers.infeasibility import infeasible_direction
 from .step_result import COUNTS, StepResult
 from .step_settings import CLOSED_FORM, StepSettings
 from .validation import is_finite
@@ -21,10 +23,13 @@ Moves = list[DirectionBatch]  # the tangents s, and the restorations v unless th
 
 
 class StepRun:
-    """One call of a step: carries the counts while the pieces below do the work."""
+    """One call of a step: carries the counts while the pieces below do the work.
 
-    def __init__(self, settings: StepSettings, observe: Any, runs: int) -> None:
-        self.settings, self.observe, self.runs = settings, observe, runs
+    given: the gradients as they were before a metric's coordinates, None where it has none.
+    """
+
+    def __init__(self, settings: StepSettings, observe: Any, runs: int, given: np.ndarray | None = None) -> None:
+        self.settings, self.observe, self.runs, self.given = settings, observe, runs, given
         self.formulation = FORMULATIONS[settings.formulation]
         self.counts = dict(zip(COUNTS, np.zeros((len(COUNTS), runs), np.int64), strict=True))
 
@@ -60,7 +65,10 @@ class StepRun:
         if self.settings.ridge > 0:
             self.counts["softened"] += kept.any(axis=1)
             return constraints.softened(self.settings.ridge)
-        return constraints.balanced()
+        constraints = constraints.balanced()
+        if self.given is not None:
+            self.given = np.ldexp(self.given[:, 1:], -constraints.exponents[:, :, None])
+        return constraints
 
     def limit(self, constraints: ActiveConstraints, slack: np.ndarray, n: int) -> ActiveConstraints:
         """t within `max_restoration`; αₑ t − κ max(slack, 0) in its place where all constraints are in."""
@@ -111,6 +119,8 @@ class StepRun:
             self.observe(problems, answers.protected())
         members = np.resize(runs, len(answers))
         answers = self.hand_on(problems, answers, members)
+        if self.given is not None and self.settings.ridge == 0:
+            answers = self.contradict(problems, answers, members)
         infeasible = np.flatnonzero(answers.status == Status.INFEASIBLE)
         np.add.at(self.counts["infeasible"], members[infeasible], 1)
         if self.formulation.takes_all and infeasible.size:
@@ -121,6 +131,21 @@ class StepRun:
                     answers.value[k] = recovered
         unknown = np.full((len(answers), 4), np.nan) if answers.residuals is None else answers.residuals
         return replace(answers, residuals=unknown)
+
+    def contradict(
+        self, problems: ProblemBatch, answers: DirectionBatch, runs: Int[np.ndarray, "problems"]
+    ) -> DirectionBatch:
+        """INFEASIBLE where rows and bounds are so by themselves, which a metric may hide; d violates as little in M."""
+        slack = np.vecdot(problems.jacobian, answers.value[:, None]) - problems.bound
+        answers = answers.owned()
+        for k in np.flatnonzero(answers.status == Status.OPTIMAL).tolist():
+            J, bound, equality = self.given[runs[k]], problems.bound[k], problems.equality[k]  # type: ignore[index]
+            unit = unit_rows(J)
+            if is_missed(unit.per_length(bound), unit.per_length(slack[k]), equality):
+                proof = infeasible_direction(DirectionProblem.trusted(np.zeros(J.shape[1]), J, bound, equality))
+                if proof is not None:
+                    answers.status[k], answers.multipliers[k] = Status.INFEASIBLE, proof.multipliers
+        return answers
 
     def hand_on(
         self, problems: ProblemBatch, answers: DirectionBatch, runs: Int[np.ndarray, "problems"]

@@ -6,14 +6,14 @@ Source: Farkas' lemma; Boyd & Vandenberghe, Convex Optimization, §5.8; Hoffman 
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .arrays import Float, Mask, Multipliers, Vector
 from .flat import flatten
 from .problem import DirectionProblem, require_problem, require_rows
-from .scaling import demand, norm, unit_rows
+from .scaling import demand, lengths, norm, unit_rows
 from .validation import real_values, require_shape
 
 # Worst `farkas_residual` and `least_violation_residual` of our own proofs. A violation of 1e-9, the least that counts,
@@ -53,21 +53,26 @@ def violation(problem: DirectionProblem, d: Vector) -> Violation:
     return Violation(np.where(problem.equality, lack, np.maximum(lack, 0.0)), rows.jacobian, bound)
 
 
-def misses_a_bound(problem: DirectionProblem, d: Vector) -> bool:
-    """Whether d misses a row by more than 1e-9 of the least that any asks for: rows may contradict each other. M = I.
+def misses_a_bound(problem: DirectionProblem, d: Any) -> bool:
+    """Whether d misses a row by more than 1e-9 of the least that any asks for: rows may contradict each other.
 
-    Rows that ask for nothing, b = 0, are missed too where they contradict one that asks.
+    In the rows' own lengths, whatever the metric. Rows that ask for nothing, b = 0, are missed too where they
+    contradict one that asks.
     """
-    if not (demand(problem.bound, problem.equality) > 0.0).any():
+    if not problem.bound.any():
         return False
-    lack = violation(problem, d)
-    return is_missed(lack.bound, -lack.amount, problem.equality)
+    J, d = problem.jacobian, problem.row_of(d) if problem.is_tree else d
+    size = lengths(J)
+    size[size == 0.0] = 1.0  # a zero row that asks for something is missed, however little it is
+    with np.errstate(over="ignore", invalid="ignore"):
+        return is_missed(problem.bound / size, (J @ d - problem.bound) / size, problem.equality)
 
 
-def is_missed(bound: Multipliers, slack: Multipliers, equality: Mask) -> bool:
-    """The same of b̂ and Ĵd − b̂."""
+def is_missed(bound: np.ndarray, slack: np.ndarray, equality: Mask | bool) -> bool:
+    """The same of b̂ and Ĵd − b̂, (…, m): whether any run misses a bound."""
     asked, lack = np.where(equality, np.abs(bound), bound), np.where(equality, np.abs(slack), -slack)
-    return bool(lack.max(initial=0.0) > _MISSED * asked.min(initial=np.inf, where=asked > 0.0))
+    least = asked.min(axis=-1, initial=np.inf, where=asked > 0.0)
+    return bool((lack.max(axis=-1, initial=0.0) > _MISSED * least).any())
 
 
 def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:

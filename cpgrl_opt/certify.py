@@ -128,37 +128,33 @@ def certify(
     if answer.status == Status.OPTIMAL:
         residuals, seen = _look_and_measure(problem, answer)
         is_granted = residuals.worst <= tolerance
-        is_far = seen is not None and is_missed(seen.bound, seen.slack, problem.equality)
-        if is_granted and (is_far or (problem.radius is None and misses_in_its_own_units(problem, answer.value))):
+        if problem.metric is None:
+            is_far = seen is not None and is_missed(seen.bound, seen.slack, problem.equality)
+        else:  # which may hide it: lengths in M may be 1e7 times the rows' own
+            is_far = misses_a_bound(problem, answer.value)
+        if is_granted and is_far:
             is_granted = not problem.is_tree or problem.vectors.has_rows  # an object shows no rows that tell
             if is_granted:
                 alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
                 is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
         is_granted = _is_impossible(problem, answer, tolerance)
-        if not is_granted and problem.metric is not None and problem.radius is None and not problem.is_long:
-            is_granted = _is_impossible(without_geometry(problem), answer, tolerance)  # M has no say in it
     if is_granted:
         return replace(answer, status=Status(answer.status), residuals=residuals)
     return replace(answer, status=Status.UNCERTIFIED, residuals=None)
 
 
 def _is_impossible(problem: DirectionProblem, answer: Direction, tolerance: float) -> bool:
-    return (
-        farkas_residual(problem, answer.multipliers) <= proof_tolerance(tolerance)
-        and excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
-        and is_out_of_reach(problem, answer.value, answer.multipliers)
+    """As it is, or where metric and ball have no say in it: a contradiction is one of J and b alone."""
+    bare = problem if problem.metric is None else without_geometry(problem)
+    is_least = excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
+    if not is_least and problem.radius is None and bare is not problem:
+        is_least = excess_violation(bare, answer.value) <= violation_tolerance(tolerance, problem.m)
+    return is_least and any(
+        farkas_residual(each, answer.multipliers) <= proof_tolerance(tolerance)
+        and is_out_of_reach(each, answer.value, answer.multipliers)
+        for each in ((problem,) if bare is problem else (problem, bare))
     )
-
-
-def misses_in_its_own_units(problem: DirectionProblem, d: Vector) -> bool:
-    """Whether d misses a bound where a metric hides it: lengths in M may be 1e7 times the rows' own.
-
-    Of short problems without a ball.
-    """
-    if problem.metric is None or problem.radius is not None or problem.is_long:
-        return False
-    return misses_a_bound(without_geometry(problem), problem.row_of(d))
 
 
 def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) -> KKTResiduals:

@@ -9,6 +9,7 @@ from .arrays import Float, Jacobian, Mask, Multipliers
 
 # Squares of these neither over- nor underflow, nor lose digits as subnormal numbers.
 _SAFE_SQUARES = (1e-280, 1e280)
+_SAFE_LENGTHS = (1e-140, 1e140)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,8 @@ class UnitRows:
 
 def unit_rows(jacobian: Jacobian) -> UnitRows:
     """Ĵ with unit rows: scaled by the largest entry first, so that rows of 1e±170 neither over- nor underflow."""
-    squares, are_safe = _squares(jacobian)
-    if are_safe:
-        norms = np.sqrt(squares)
+    norms = lengths(jacobian)
+    if norms.size > 0 and norms.min() > _SAFE_LENGTHS[0] and norms.max() < _SAFE_LENGTHS[1]:
         return UnitRows(jacobian / norms[:, None], norms, np.ones(len(norms)))
     rows, largest, relative = _largest_first(jacobian)
     return UnitRows(rows / relative[:, None], largest, relative)
@@ -54,8 +54,9 @@ def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch
 
     Bit for bit the same whatever vectors stand beside v: a run's numbers may not depend on other runs.
     """
-    squares, are_safe = _squares(vectors)
-    if are_safe:
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        squares = np.asarray(np.vecdot(vectors, vectors))
+    if squares.size > 0 and squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1]:
         return np.asarray(np.sqrt(squares))
     _, largest, relative = _largest_first(vectors)
     safe = (squares > _SAFE_SQUARES[0]) & (squares < _SAFE_SQUARES[1])
@@ -73,13 +74,6 @@ def norm(vector: np.ndarray) -> float:
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         square = float(vector @ vector)
     return math.sqrt(square) if _SAFE_SQUARES[0] < square < _SAFE_SQUARES[1] else float(lengths(vector))
-
-
-def _squares(vectors: np.ndarray) -> tuple[np.ndarray, bool]:
-    """v·v, and whether every one may be used as it is; NaN, infinities and 0 may not."""
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        squares = np.asarray(np.vecdot(vectors, vectors))
-    return squares, squares.size > 0 and bool(squares.min() > _SAFE_SQUARES[0] and squares.max() < _SAFE_SQUARES[1])
 
 
 def _largest_first(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ._gate import metric_of_rows, require_no_metric
 from ._step_run import StepRun
+from ._violation import is_missed
 from .active_set import violated
 from .arrays import ArrayLike, Bool, Float
 from .direct_step import move
@@ -20,6 +21,7 @@ from .formulation import FORMULATIONS
 from .linearization import Linearization
 from .metric import Whitening, validated_metric
 from .metric_operator import OperatorMetric
+from .scaling import lengths
 from .step_in_span import step_in_metric, step_in_span
 from .step_result import StepResult, skipped_result, stack_results, usual_result
 from .step_settings import DROP_RULES, ON_FAILURE, Observer, StepSettings
@@ -118,27 +120,35 @@ class ConstrainedStep(StepSettings):
         elif whitening is not None:
             require_shape("metric", self.metric, (given.n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
             flat = given.whitened(whitening)
+        before = None if self.metric is None else given.gradients
         if callable(self.metric) or flat.is_long:
-            result = self._run_by_run(flat, slack, active, observe)
+            result = self._run_by_run(flat, slack, active, observe, before)
         else:
-            result = self._on_rows(flat.gradients, slack, active, observe)
+            result = self._on_rows(flat.gradients, slack, active, observe, before)
         if whitening is not None:
             result = replace(result, change=_original(whitening, result.change))
         return replace(result, change=given.as_given(result.change)) if given.is_tree else result
 
     def _run_by_run(
-        self, linearization: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+        self,
+        linearization: Linearization,
+        slack: np.ndarray,
+        active: np.ndarray,
+        observe: Observer | None,
+        given: np.ndarray | None,
     ) -> StepResult:
         """In the coordinates of each run's own gradients; what they do not answer is left, or raised."""
         results, runs = [], slack.shape[:-1]
         for run, vectors in zip(np.ndindex(runs), linearization.vectors, strict=True):
+            V = None if given is None else given[run]
+            on_rows = partial(self._on_rows, before=V)
             try:
                 if callable(self.metric):
-                    V, M = linearization.gradients[run], self._operator(linearization)
-                    results.append(step_in_metric(self._on_rows, V, slack[run], active[run], M, observe))
+                    M = self._operator(linearization)
+                    results.append(step_in_metric(on_rows, V, slack[run], active[run], M, observe))  # type: ignore[arg-type]
                 else:
                     rate = float(self.step_size)  # type: ignore[arg-type]
-                    results.append(step_in_span(self._on_rows, vectors, slack[run], active[run], rate, observe))
+                    results.append(step_in_span(on_rows, vectors, slack[run], active[run], rate, observe))
             except DirectionError:
                 if self.on_failure == "raise":
                     raise
@@ -158,20 +168,45 @@ class ConstrainedStep(StepSettings):
         return known
 
     def _on_rows(
-        self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, observe: Observer | None
+        self,
+        gradients: np.ndarray,
+        slack: np.ndarray,
+        active: np.ndarray,
+        observe: Observer | None,
+        before: np.ndarray | None = None,
     ) -> StepResult:
-        """Where M = I: the usual way where it is all, else the long one. (…, 1 + m, n), (…, m), (…, m)."""
+        """Where M = I: the usual way where it is all, else the long one. (…, 1 + m, n), (…, m), (…, m).
+
+        before: the gradients in whose lengths constraints contradict each other, where there was a metric.
+        """
         if not gradients.flags.carray:  # nor read-only, as JAX's are, which compiled helpers take for another type
             gradients = gradients.copy()
         runs, m, n = slack.shape[:-1], slack.shape[-1], gradients.shape[-1]
         count, direct = math.prod(runs), self._direct
+        if before is not None and not (slack[active] < 0.0).any():
+            before = None  # nothing is asked
         if observe is None and direct is not None and count > 0:
             flat, change = np.empty(runs, np.int64), np.empty((*runs, n))
             proof = np.empty((*runs, m)), np.empty((*runs, 4)), np.empty((*runs, m))
             given, found = _stack(runs, gradients, slack, active), _stack(runs, flat, change, *proof)
             if move.run(*given, direct, *found):
-                return usual_result(change, active, flat, proof)
-        return StepRun(self, observe, count).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
+                result = usual_result(change, active, flat, proof)
+                if before is None or not self._is_short_of(before, slack, active, result.predicted_slack):
+                    return result
+        before = None if before is None else _stack(runs, before)[0]
+        return StepRun(self, observe, count, before).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
+
+    def _is_short_of(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, predicted: np.ndarray) -> bool:
+        """Whether a change restores less than it was asked to, in the rows' own lengths, or nobody can tell."""
+        formulation = FORMULATIONS[self.formulation]
+        if not (formulation.restores_inside or formulation.is_equality):  # the tangent may restore what v does not
+            return True
+        kept = float(self.slack_fraction) * np.maximum(slack, 0.0) if formulation.takes_all else 0.0
+        asked = float(self.restoration_rate) * np.maximum(-slack, 0.0) - kept
+        unit = lengths(gradients[..., 1:, :])
+        unit = np.where(active & (unit > 0.0), unit, np.inf)  # of other rows a step asks nothing
+        with np.errstate(over="ignore", invalid="ignore"):
+            return is_missed(asked / unit, (predicted - slack - asked) / unit, formulation.is_equality)
 
     def _active(self, slack: np.ndarray, previous: ArrayLike | None) -> Bool[np.ndarray, "*runs m"]:
         """What the rule chooses, copied, since it may use its array again; what it is handed cannot be written to."""

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..certify import certify, misses_in_its_own_units
+from ..certify import certify, misses_a_bound
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
 from ..flat_span import SpanFlat
@@ -150,13 +150,28 @@ def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direct
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
         return nothing(problem, Status.NUMERICAL_ERROR, iterations)
     found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
-    is_of_units = problem.metric is None or getattr(problem.metric, "ndim", 2) == 1
-    if answer.residuals is not None and is_of_units and not misses_in_its_own_units(problem, value):
-        found = replace(found, residuals=answer.residuals)  # of units that round nothing, or next to nothing
+    is_exact = problem.metric is None or (  # units round nothing, or next to nothing
+        getattr(problem.metric, "ndim", 2) == 1 and not misses_a_bound(problem, value)
+    )
+    if answer.residuals is not None and is_exact:
+        found = replace(found, residuals=answer.residuals)
     else:
         found = certify(problem, found, tolerance, infeasible_direction)
-    is_ours = answer.residuals is not None or status == Status.INFEASIBLE  # and no claim of somebody else's
-    if found.status == Status.UNCERTIFIED and is_ours and misses_in_its_own_units(problem, value):
-        impossible = infeasible_direction(problem, iterations)  # as it is without the metric
-        found = found if impossible is None else certify(problem, impossible, tolerance, infeasible_direction)
+    # And no claim of somebody else's; the ball's search is ours, whatever core it asks.
+    is_ours = answer.residuals is not None or status == Status.INFEASIBLE or problem.radius is not None
+    if found.status == Status.UNCERTIFIED and is_ours and problem.metric is not None and misses_a_bound(problem, value):
+        found = _contradict(problem, found, tolerance)
     return in_form(problem, found) if problem.is_tree else found
+
+
+def _contradict(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:
+    """INFEASIBLE where J and b are so by themselves, in units that metric and ball have no say in.
+
+    Of least violation where it is in the ball, else the direction that was found, which violates as little in M.
+    """
+    proof = infeasible_direction(problem, found.iterations)
+    for value in () if proof is None else (proof.value, found.value):
+        answer = certify(problem, replace(proof, value=value), tolerance, infeasible_direction)
+        if answer.status == Status.INFEASIBLE:
+            return answer
+    return found

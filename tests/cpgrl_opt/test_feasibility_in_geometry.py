@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, WithGeometry
+from cpgrl_opt import (
+    SOLVERS,
+    ConstrainedStep,
+    Direction,
+    DirectionProblem,
+    Linearization,
+    Status,
+    WithGeometry,
+    solve,
+)
+from cpgrl_opt.certify import farkas_residual
 from cpgrl_opt.solvers import is_usable
 
 UP_AND_DOWN = [[0.0, 1.0], [0.0, -1.0]]
@@ -30,3 +40,55 @@ class Liar:
 def test_a_third_partys_claim_beside_a_long_gradient_does_not_stand(strength: float) -> None:
     problem = DirectionProblem([strength, 0.0], UP_AND_DOWN, 1.0, metric=[1.0, 2.0])
     assert WithGeometry(Liar()).solve(problem).status == Status.UNCERTIFIED
+
+
+# Rows 1e-3 rad from opposing, and one that asks for 1 across them. A violation of 1e-3 is 1e-10 of lengths in M.
+WEDGE, ACROSS, STRETCH = [[1.0, 0.0], [-1.0, -1e-3], [0.0, 1.0]], [0.0, 0.0, 1.0], np.array([1.0, 1e14])
+STRETCHES = {"diagonal": STRETCH, "full": np.diag(STRETCH), "function": STRETCH.__mul__}
+
+
+@pytest.mark.parametrize("radius", [None, 1e6, 1e8, 1e12, 1e20])
+@pytest.mark.parametrize("metric", STRETCHES)
+@pytest.mark.parametrize("name", ["active-set", "nnls", "quadprog"])
+def test_a_metric_hides_no_contradiction_whatever_the_ball(name: str, metric: str, radius: float | None) -> None:
+    if not is_usable(SOLVERS[name]):
+        pytest.skip(f"{name} is not installed")
+    problem = DirectionProblem([0.3, 0.2], WEDGE, ACROSS, metric=STRETCHES[metric], radius=radius)
+    answer = SOLVERS[name].solve(problem)
+    assert answer.status == Status.INFEASIBLE
+    assert farkas_residual(problem, answer.multipliers) <= 1e-5
+    if metric != "function":  # in whose coordinates the first two rows depend
+        met = SOLVERS[name].solve(DirectionProblem([0.3, 0.2], WEDGE, [0.0, -1e-3, 0.5], metric=STRETCHES[metric]))
+        assert met.status == Status.OPTIMAL
+
+
+@pytest.mark.parametrize("formulation", ["cone", "restoring", "linearized"])
+@pytest.mark.parametrize(
+    ("n", "metric"), [(2, "diagonal"), (2, "full"), (2, "function"), (30_000, "diagonal"), (30_000, "function")]
+)
+def test_nor_does_it_in_a_step(formulation: str, metric: str, n: int) -> None:
+    gradients = np.zeros((2, 4, n))
+    gradients[:, 1:, :2] = WEDGE
+    M = np.append(STRETCH, np.ones(n - 2))
+    given = np.diag(M) if metric == "full" else M if metric == "diagonal" else M.__mul__
+    step = ConstrainedStep(formulation=formulation, metric=given, step_size=1.0, restoration_rate=1.0)
+    result = step(Linearization([[0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 0.0]], gradients), np.zeros(3))
+    assert result.counts["infeasible"].tolist() == [1, 0]
+    assert formulation == "cone" or not result.stationary[0]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whether_integers_contradict_each_other_no_metric_and_no_ball_changes(seed: int) -> None:
+    """Rows that sum up to 0, and bounds that sum up to one side of it; lengths in M up to 1e6 times the rows'."""
+    rng = np.random.default_rng(seed)
+    J = rng.integers(-3, 4, size=(4, 3)).astype(float)
+    J[3] = -J[:3].sum(axis=0)
+    inside = rng.integers(-2, 3, size=3)
+    bound = J @ inside - rng.integers(0, 2, size=4)
+    if seed % 2:  # a sum above 0
+        bound[rng.integers(4)] += 1.0 - min(0.0, bound.sum())
+    M = 10.0 ** rng.integers(0, 13, size=3)
+    for metric in (M, np.diag(M)):
+        for radius in (None, 1e9, 1e15):
+            answer = solve(DirectionProblem(rng.normal(size=3), J, bound, metric=metric, radius=radius))
+            assert answer.status == (Status.INFEASIBLE if seed % 2 else Status.OPTIMAL), (J, bound, M, radius)
