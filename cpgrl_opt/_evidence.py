@@ -111,13 +111,14 @@ def _look_closely(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: 
     d, mu, kappa = flat.in_units(d, mu, kappa)
     problem, rows, L = flat.problem, flat.unit, flat.whitening
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        x, bound = d if L is None else L.direction(d), rows.per_length(problem.bound)
+        x = d if L is None else L.direction(d)
         if L is not None and L.factor.ndim == 2:
             rest, length, slack = _find_terms(flat, d, mu, kappa)
-            rest, slack = L.rows(rest), rows.per_length(slack)
+            rest, (bound, slack) = L.rows(rest), rows.per_length(np.array([problem.bound, slack]))
         else:
-            rest = _find_rest(problem.gradient, problem.jacobian, x, mu, kappa)
-            length, slack = norm(x), rows.jacobian @ x - bound
+            rest, length = _find_rest(problem.gradient, problem.jacobian, x, mu, kappa), norm(x)
+            bound = rows.per_length(problem.bound)
+            slack = rows.jacobian @ x - bound
         g = problem.gradient  # whose numbers are about 1
         sizes = math.sqrt(rest @ rest), math.sqrt(g @ g), length
         return Evidence(problem, mu, kappa, *sizes, rows, bound, slack, (rest, x))

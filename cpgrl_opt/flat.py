@@ -83,7 +83,9 @@ def _flatten(problem: DirectionProblem) -> Flat:
     bound, radius = problem.bound, problem.radius
     columns, whitening = problem.whitening.balanced if problem.whitening is not None else (np.zeros(1, np.int64), None)
     given = np.vstack([problem.gradient, problem.jacobian])
-    exponents = _largest_exponents(given, columns)
+    none = np.iinfo(np.int64).min
+    exponents = np.where(given != 0.0, np.frexp(given)[1] + columns, none).max(axis=1, initial=none)
+    exponents[exponents == none] = 0
     rows, strength = exponents[1:], int(exponents[0])
     if radius is not None:
         length, force = int(np.frexp(radius)[1]), strength
@@ -104,10 +106,3 @@ def _flatten(problem: DirectionProblem) -> Flat:
     flat = DirectionProblem.trusted(vectors[0], vectors[1:], bound, problem.equality, radius)
     columns = np.broadcast_to(columns, vectors[0].shape)
     return Flat(flat, given, problem.metric, whitening, columns, rows, length, force, failure, unit)
-
-
-def _largest_exponents(vectors: Float[np.ndarray, "k n"], shift: Any) -> Int[np.ndarray, "k"]:
-    """Exponent of the largest |v · 2^shift|; 0 where v = 0."""
-    none = np.iinfo(np.int64).min
-    exponents = np.where(vectors != 0.0, np.frexp(vectors)[1] + shift, none).max(axis=1, initial=none)
-    return np.asarray(np.where(exponents == none, 0, exponents))
