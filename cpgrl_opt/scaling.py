@@ -23,7 +23,7 @@ class UnitRows:
     largest: Multipliers
     relative: Multipliers
 
-    def per_length(self, values: Multipliers) -> Multipliers:
+    def per_length(self, values: Float[np.ndarray, "*k m"]) -> Float[np.ndarray, "*k m"]:
         """valuesᵢ / ‖Jᵢ‖; on zero rows ±inf with the sign of the value, 0 stays 0."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             quotient = values / self.largest / self.relative
