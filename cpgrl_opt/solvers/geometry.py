@@ -170,7 +170,9 @@ def _contradict(problem: DirectionProblem, found: Direction, tolerance: float) -
     Of least violation where it is in the ball, else the direction that was found, which violates as little in M.
     """
     proof = infeasible_direction(problem, found.iterations)
-    for value in () if proof is None else (proof.value, found.value):
+    if proof is None:
+        return found
+    for value in proof.value, found.value:
         answer = certify(problem, replace(proof, value=value), tolerance, infeasible_direction)
         if answer.status == Status.INFEASIBLE:
             return answer
