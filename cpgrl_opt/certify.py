@@ -132,11 +132,11 @@ def certify(
             is_far = seen is not None and is_missed(seen.bound, seen.slack, problem.equality)
         else:  # which may hide it: lengths in M may be 1e7 times the rows' own
             is_far = misses_a_bound(problem, answer.value)
-        if is_granted and is_far:
-            is_granted = not problem.is_tree or problem.vectors.has_rows  # an object shows no rows that tell
-            if is_granted:
-                alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
-                is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
+        if is_granted and is_far and problem.is_tree and not problem.vectors.has_rows:
+            is_granted = False  # an object of the caller's shows no rows that tell
+        elif is_granted and is_far:
+            alone = (np.zeros(problem.n), problem.jacobian, problem.bound, problem.equality)
+            is_granted = find_contradiction(DirectionProblem.trusted(*alone)) is None
     elif answer.status == Status.INFEASIBLE:
         is_granted = _is_impossible(problem, answer, tolerance)
     if is_granted:

@@ -196,7 +196,7 @@ class ConstrainedStep(StepSettings):
         before = None if before is None else _stack(runs, before)[0]
         return StepRun(self, observe, count, before).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
 
-    def _is_short_of(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, predicted: np.ndarray) -> bool:
+    def _is_short_of(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, predicted: Any) -> bool:
         """Whether a change restores less than it was asked to, in the rows' own lengths, or nobody can tell."""
         formulation = FORMULATIONS[self.formulation]
         if not (formulation.restores_inside or formulation.is_equality):  # the tangent may restore what v does not
