@@ -15,15 +15,16 @@ from .compiled._gramian_core import judge, weigh
 
 def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
-    m, K, report = problem.m, problem.vectors.gramian(), np.empty(4)
-    small, index, weights = np.empty((8, m)), np.empty((2, m), np.int64), np.empty(1 + m)
-    weigh.run(K, problem.bound, problem.equality, GATES, np.empty((2, m, m)), small, index, weights, report)
+    m, vectors, report = problem.m, problem.vectors, np.empty(4)
+    K, work, index, weights = vectors.gramian(), np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
+    weigh.run(K, problem.bound, problem.equality, GATES, work, index, weights, report)
     changes = int(report[0])
     if changes < 0:
         return None
-    value, sums = problem.vectors.combine_usually(weights)
-    judge.run(K, problem.equality, GATES, small, index, sums, report)
-    residuals = KKTResiduals(*report.tolist())
-    if not residuals.worst <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
+    value, sums = vectors.combine_usually(weights)
+    judge.run(K, problem.equality, GATES, work, index, sums, report)
+    parts = report.tolist()
+    if not max(parts) <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
         return None
+    residuals = tuple.__new__(KKTResiduals, parts)  # as in `exact_core`
     return Direction.found(value, weights[1:].copy(), Status.OPTIMAL, changes, residuals, "gramian")

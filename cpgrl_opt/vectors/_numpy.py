@@ -20,7 +20,8 @@ LEAST_PRODUCTS = 1_000_000
 
 BFLOAT16 = np.dtype(np.uint16)  # its bits: NumPy knows no such numbers, see `_bfloat16`
 DTYPES = np.dtype(np.float64), np.dtype(np.float32)
-_NO_ROWS = {dtype: np.empty((0, 0), dtype) for dtype in (*DTYPES, BFLOAT16)}
+_LIKE = {dtype: np.empty(0, dtype) for dtype in (*DTYPES, BFLOAT16)}
+_NO_WEIGHTS, _NO_PLACES = np.empty(0), np.empty((0, 4), np.int64)
 Leaf = tuple[Any, Any]
 REPRESENTABLE = 1e76  # of d·d: up to here no entry of d leaves float32 or bfloat16, which end at 3e38
 
@@ -43,7 +44,7 @@ class LeafVectors(Vectors):
 
     has_rows = True
 
-    @cached_property
+    @property
     def leaves(self) -> tuple[Leaf, ...]:
         """(g's part (k,), J's part (m, k) or its rows apart) of each leaf, of one of DTYPES or BFLOAT16."""
         raise NotImplementedError
@@ -104,7 +105,9 @@ class LeafVectors(Vectors):
         """No NaN and no infinity: seen in K, unless squares overflow."""
         if is_long(*self.shape) and math.isfinite(sum(self.gramian().diagonal().tolist())):
             return True
-        return all(is_finite(self.host(part)) for leaf in self.leaves for part in _arrays(*leaf))
+        return all(
+            is_finite(self.host(part)) for g, J in self.leaves for part in ((g, *J) if isinstance(J, tuple) else (g, J))
+        )
 
     def require_finite(self) -> None:
         """ValueError that names the leaf."""
@@ -127,33 +130,38 @@ class LeafVectors(Vectors):
 
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """In one pass."""
-        K = self._square()
-        for dtype, _, where in self._where:
-            _blocks().gramian[dtype].machine_code(*where, K)
+        groups = self._groups
+        K = np.zeros((groups[0][2].shape[1],) * 2)
+        for dtype, _, where in groups:
+            _blocks().gramian[dtype].machine_code(_LIKE[dtype], where, K)
         return K
 
     def gramian_in_pairs(self) -> Pair:
         """In one pass."""
         K = Pair(self._square(), self._square())
-        for dtype, _, where in self._where:
-            _blocks().gramian_in_pairs[dtype].machine_code(*where, *K)
+        for dtype, _, where in self._groups:
+            _blocks().gramian_in_pairs[dtype].machine_code(_LIKE[dtype], where, *K)
         return K
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """In one pass; d's leaves of one dtype lie in one piece, which the system hands out sooner than many."""
         parts, sums = dict[int, np.ndarray](), np.zeros(1 + len(forces))
-        for dtype, leaves, where in self._where:
-            ends = [*accumulate((len(self.leaves[k][0]) for k in leaves), initial=0)]
-            whole = np.empty(ends[-1], dtype)
-            parts |= {k: whole[start:end] for k, (start, end) in zip(leaves, pairwise(ends), strict=True)}
-            _blocks().combine[dtype].machine_code(*where, *weights, forces, _places(parts, leaves), sums)
-        return self.rebuilt([parts[k] for k in range(len(parts))]), sums
+        for dtype, spans, where in self._groups:
+            whole = np.empty(spans[-1][2], dtype)
+            _blocks().combine[dtype].machine_code(whole, where, *weights, forces, _NO_PLACES, sums)
+            for leaf, start, end in spans:
+                parts[leaf] = whole[start:end]
+        return self.rebuilt([*map(parts.__getitem__, range(len(parts)))]), sums
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """In one pass."""
-        parts, sums = self.taken_apart(direction), np.zeros(1 + len(forces))
-        for dtype, leaves, where in self._where:
-            _blocks().measure[dtype].machine_code(*where, _places(parts, leaves), forces, sums)
+        parts, sums, nothing = self.taken_apart(direction), np.zeros(1 + len(forces)), (_NO_WEIGHTS, _NO_WEIGHTS)
+        for dtype, spans, where in self._groups:
+            places = np.empty((len(spans), 4), np.int64)
+            for place, (leaf, _, _) in zip(places, spans, strict=True):
+                part = parts[leaf]
+                _blocks().locate[part.dtype].machine_code(part[None], place[None])
+            _blocks().combine[dtype].machine_code(_LIKE[dtype], where, *nothing, forces, places, sums)
         return sums
 
     def _square(self) -> np.ndarray:
@@ -161,45 +169,28 @@ class LeafVectors(Vectors):
         return np.zeros((count, count))
 
     @cached_property
-    def _where(self) -> list[tuple[Any, list[int], tuple[np.ndarray, np.ndarray]]]:
-        """Of each dtype its leaves and, for the passes, an empty array of it and where these leaves lie."""
-        alike: dict[Any, list[int]] = {}
-        for k, (g, _) in enumerate(self.leaves):
-            alike.setdefault(g.dtype, []).append(k)
-        return [(dtype, of, (np.empty(0, dtype), _locate([self.leaves[k] for k in of]))) for dtype, of in alike.items()]
+    def _groups(self) -> list[tuple[Any, list[tuple[Any, ...]], np.ndarray]]:
+        """Of each dtype its leaves with their spans in one piece of d, and for the passes where they lie."""
+        groups: dict[Any, tuple[Any, ...]] = {}
+        for k, (g, J) in enumerate(self.leaves):
+            _, spans, where = groups.setdefault(g.dtype, (g.dtype, [], []))
+            start = spans[-1][2] if spans else 0
+            spans.append((k, start, start + len(g)))
+            where.append(_locate(g, J))
+        return [(dtype, spans, np.array(where)) for dtype, spans, where in groups.values()]
 
 
-def _arrays(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    return (g, *J) if isinstance(J, tuple) else (g, J)
-
-
-def _locate(leaves: list[Leaf]) -> np.ndarray:
-    """(leaves, 1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
-    where, dtype = np.empty((len(leaves), 1 + len(leaves[0][1]), 4), np.int64), leaves[0][0].dtype
-    if dtype not in _NO_ROWS:
+def _locate(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> np.ndarray:
+    """(1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
+    where, start, dtype = np.empty((1 + len(J), 4), np.int64), 0, g.dtype
+    if dtype not in _LIKE:
         raise ValueError(f"vectors should be of float64, float32 or bfloat16; found {dtype}")
-    locate, no_rows = _blocks().locate[dtype].machine_code, _NO_ROWS[dtype]
-    for places, (g, J) in zip(where, leaves, strict=True):
-        count = len(g)
-        for array in _arrays(g, J):
-            if array.dtype != dtype or array.shape[-1] != count:  # what lies at an address nobody checks again
-                raise ValueError(
-                    f"vectors should be of {count} numbers of {dtype}; found {array.dtype}, shape {array.shape}"
-                )
-        if isinstance(J, tuple):
-            for i, array in enumerate((g, *J)):
-                locate(array, no_rows, places[i:])
-        else:
-            locate(g, J, places)
-    return where
-
-
-def _places(parts: Any, leaves: list[int]) -> np.ndarray:
-    """(leaves, 4): the same of arrays whose numbers lie side by side."""
-    where = np.empty((len(leaves), 4), np.int64)
-    for i, k in enumerate(leaves):
-        dtype = parts[k].dtype
-        _blocks().locate[dtype].machine_code(parts[k], _NO_ROWS[dtype], where[i:])
+    locate = _blocks().locate[dtype].machine_code
+    for rows in [g[None], J] if isinstance(J, np.ndarray) else [row[None] for row in (g, *J)]:
+        if rows.dtype != dtype or rows.shape[1] != len(g):  # what lies at an address nobody checks again
+            raise ValueError(f"vectors should be of {len(g)} numbers of {dtype}; found {rows.dtype}, {rows.shape[1]}")
+        locate(rows, where[start:])
+        start += len(rows)
     return where
 
 
@@ -214,10 +205,21 @@ class ArrayVectors(LeafVectors):
         """Without what was found: the arrays of a copy lie elsewhere."""
         return {"gradient": self.gradient, "jacobian": self.jacobian}
 
-    @cached_property
+    @property
     def leaves(self) -> tuple[Leaf, ...]:
         """One."""
         return ((self.gradient, self.jacobian),)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, n)."""
+        return len(self.jacobian), len(self.gradient)
+
+    @cached_property
+    def _groups(self) -> list[tuple[Any, list[tuple[Any, ...]], np.ndarray]]:
+        """One, without a loop: at n = 10⁶ and one constraint Python's part is a twentieth of a direction's time."""
+        g = self.gradient
+        return [(g.dtype, [(0, 0, len(g))], _locate(g, self.jacobian)[None])]
 
     def whole_gradient(self) -> Vector:
         """It is g."""

@@ -51,14 +51,7 @@ def scale_gramian(
 
 
 @inlined
-def is_well_apart(
-    gram: Floats,
-    factor: Floats,
-    small: Floats,
-    state: Integers,
-    order: Integers,
-    apart: float,
-) -> bool:
+def is_well_apart(gram: Floats, factor: Floats, small: Floats, state: Integers, order: Integers, apart: float) -> bool:
     """Whether Σ 1/λ(Ĝ) ≤ apart."""
     on, total = 0, 0.0
     for i in range(len(state)):
@@ -75,31 +68,26 @@ def is_well_apart(
 
 @entry_point(
     f"void({_READ.format('f8', 2)}, {_READ.format('f8', 1)}, {_READ.format('b1', 1)}, {_READ.format('f8', 1)},"
-    "f8[:, :, ::1], f8[:, ::1], i8[:, ::1], f8[::1], f8[::1])",
+    "f8[:, ::1], i8[:, ::1], f8[::1], f8[::1])",
     interpreted=(0, 0),
 )
 def weigh(
-    K: Floats,
-    bound: Floats,
-    equality: Booleans,
-    gates: Floats,
-    squares: Floats,
-    small: Floats,
-    index: Integers,
-    weights: Floats,
+    K: Floats, bound: Floats, equality: Booleans, gates: Floats, work: Floats, index: Integers, weights: Floats,
     report: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """(1, μ) into weights, exchanges into report; −1 there where rung "gramian" is shut, or a search does not end.
 
-    gates: the least and the largest square, and what `is_well_apart` asks for. squares: (2, m, m), index: (2, m).
+    gates: the least and the largest square, and what `is_well_apart` asks for. work: (8 + 2m, m), index: (2, m), for
+    `judge` to read.
     """
-    gram, factor, state, order = squares[0], squares[1], index[0], index[1]
+    m = len(bound)
+    small, gram, factor, state, order = work[:8], work[8 : 8 + m], work[8 + m :], index[0], index[1]
     report[0] = -1.0
     if not scale_gramian(K, bound, gates[0], gates[1], gram, small, state):
         return
     if not is_well_apart(gram, factor, small, state, order, gates[2]):
         return
-    for i in range(len(bound)):
+    for i in range(m):
         state[i] = OUTSIDE if state[i] == INSIDE and not equality[i] else state[i]
     size, changes = find_active_set(True, gram, factor, small, state, order, equality, 0)
     if size >= 0:
@@ -118,13 +106,13 @@ def weigh(
     interpreted=(0, 0),
 )
 def judge(
-    K: Floats, equality: Booleans, gates: Floats, small: Floats, index: Integers, sums: Floats, report: Floats
+    K: Floats, equality: Booleans, gates: Floats, work: Floats, index: Integers, sums: Floats, report: Floats
 ) -> None:
     """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`.
 
     So where d·d is less than gates[3] of g·g: it is what rounding of K leaves of it.
     """
-    state, sigma = index[0], sqrt(max(K[0, 0], sums[len(sums) - 1]))
+    small, state, sigma = work[:8], index[0], sqrt(max(K[0, 0], sums[len(sums) - 1]))
     for i in range(len(equality)):
         if state[i] != OFF:
             small[SLACK, i] = sums[i + 1] * small[SCALE, i] - small[BOUND, i]
