@@ -25,25 +25,33 @@ class Solver(RowSolver):
     declines_by_itself: ClassVar[bool] = True
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction; see `Status`."""
+        """The certified direction; see `Status`. Raises MissingPackageError, UnusablePackageError."""
         if type(problem) is not DirectionProblem:
             require_problem(problem)
-        if problem.metric is not None or problem.radius is not None:
-            return solve_in_geometry(self, problem)
-        if problem.is_long:
-            return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.tangent is False)
-        return self.solve_rows(problem)
+        try:
+            if problem.metric is not None or problem.radius is not None:
+                return solve_in_geometry(self, problem)
+            if problem.is_long:
+                return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.tangent is False)
+            return self.solve_rows(problem)
+        except Exception:
+            require_packages(self)  # whose import may be what raised
+            raise
 
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
         """B problems of one shape, each exactly as `solve` solves it."""
         stacked = ProblemBatch.stack(problems)
         if len(stacked) == 0:
             return no_answers(stacked)
-        if (stacked.metric is not None or stacked.radius is not None) and not stacked[0].is_long:
-            return solve_batch_in_geometry(self, stacked)
         if stacked[0].is_long:
             return DirectionBatch.stack([self.solve(problem) for problem in stacked])
-        return self.solve_rows_batch(stacked)
+        try:
+            if stacked.metric is not None or stacked.radius is not None:
+                return solve_batch_in_geometry(self, stacked)
+            return self.solve_rows_batch(stacked)
+        except Exception:
+            require_packages(self)
+            raise
 
 
 class ExactSolver(Solver):
@@ -70,11 +78,7 @@ class SmallSolver(Solver):
     polish: bool = True
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The direction that the core finds; UNSUPPORTED where it takes no such constraints.
-
-        Raises MissingPackageError, UnusablePackageError.
-        """
+        """The direction that the core finds; UNSUPPORTED where it takes no such constraints."""
         if not self.supports(problem):
             return unsupported(problem)
-        require_packages(self)
         return solve_by(self.solve_small, problem, tolerance=self.tolerance, polished=self.polish)

@@ -1,6 +1,9 @@
-"""Ctrl-C and the libraries in C that catch it themselves."""
+"""Ctrl-C and the libraries in C that catch it themselves.
 
-import _thread
+OSQP and SCS replace the handler of SIGINT while they run, and afterwards put back what they found. Two of them at once
+may find each other's handler: then Ctrl-C does nothing for the rest of the process.
+"""
+
 import os
 from collections.abc import Callable
 from threading import Lock
@@ -9,17 +12,10 @@ from typing import Any
 _one_at_a_time = Lock()
 
 
-def run_alone(run: Callable[[], Any], was_interrupted: Callable[[Any], bool]) -> Any:
-    """`run()`, one call at a time in this process; a Ctrl-C that the library caught is passed on to Python.
-
-    OSQP and SCS replace the handler of SIGINT while they run, and afterwards put back what they found. Two of them at
-    once may find each other's handler: then Ctrl-C does nothing for the rest of the process.
-    """
+def run_alone(run: Callable[[], Any]) -> Any:
+    """`run()`, one call at a time in this process. A Ctrl-C that the library caught is for the caller to pass on."""
     with _one_at_a_time:
-        answer = run()
-    if was_interrupted(answer):
-        _thread.interrupt_main()
-    return answer
+        return run()
 
 
 def _renew_lock() -> None:

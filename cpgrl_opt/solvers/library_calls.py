@@ -6,6 +6,8 @@ Warnings and standard output belong to the process. To switch them off for one c
 them changed, for the other threads. So each library is asked in a way in which it has nothing to say.
 """
 
+import re
+from _thread import interrupt_main
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -18,10 +20,11 @@ from .interrupts import run_alone
 from .small_problem import SmallAnswer, SmallProblem
 
 _SCS_SIGINT = -5
+_Order = Int[np.ndarray, "p"]
 BROKEN = SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR)  # the library gave up without an answer
 
 
-def call_quadprog(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
+def call_quadprog(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     """Goldfarb and Idnani's method; rows of C are ≥, the equalities first."""
     from quadprog import solve_qp
 
@@ -36,7 +39,7 @@ def call_quadprog(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     return _answer(small, order, x, duals, None, int(np.max(iterations)))
 
 
-def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
+def call_clarabel(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     """A cone of zeros for E, then one of non-negative slacks for I."""
     import clarabel
     from scipy.sparse import csc_matrix
@@ -45,34 +48,32 @@ def call_clarabel(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
     settings = clarabel.DefaultSettings()
     for name, value in {"verbose": False, **options}.items():
         setattr(settings, name, value)
-    sizes = ((clarabel.ZeroConeT, equalities), (clarabel.NonnegativeConeT, len(bound) - equalities))
-    cones = [cone(size) for cone, size in sizes if size > 0]
+    cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(bound) - equalities)]
     identity = csc_matrix(np.eye(len(small.center)))
     try:
         solver = clarabel.DefaultSolver(identity, -small.center, csc_matrix(matrix), bound, cones, settings)
     except Exception:  # it names no class of its own
         return BROKEN
     result = solver.solve()
-    failure = failure_named(result.status)
-    return _answer(small, order, result.x, np.array(result.z), failure)
+    return _answer(small, order, result.x, np.array(result.z), failure_named(result.status))
 
 
-def call_scs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
+def call_scs(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     """The zero cone for E, then the positive cone for I."""
     import scs
     from scipy.sparse import csc_matrix
 
     matrix, bound, order, equalities = _stack(small, small.equality)
     data = {"P": csc_matrix(np.eye(len(small.center))), "c": -small.center, "A": csc_matrix(matrix), "b": bound}
-    cone = {name: size for name, size in (("z", equalities), ("l", len(bound) - equalities)) if size > 0}
-    solve = partial(scs.solve, data, cone, **{"verbose": False, **options})
-    result = run_alone(solve, lambda result: result["info"]["status_val"] == _SCS_SIGINT)
+    cone = {"z": equalities, "l": len(bound) - equalities}
+    result = run_alone(partial(scs.solve, data, cone, **{"verbose": False, **options}))
     info = result["info"]
-    failure = failure_named(info["status"])
-    return _answer(small, order, result["x"], result["y"], failure, info["iter"])
+    if info["status_val"] == _SCS_SIGINT:
+        interrupt_main()
+    return _answer(small, order, result["x"], result["y"], failure_named(info["status"]), info["iter"])
 
 
-def call_highs(small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
+def call_highs(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     """HiGHS in a thread of its own.
 
     HiGHS keeps one pool of workers for each thread that calls it, as large as the first call asked for. Later calls
@@ -117,7 +118,7 @@ def _highs_model(center: np.ndarray, matrix: np.ndarray, lower: np.ndarray, uppe
     return model
 
 
-def call_through_qpsolvers(name: str, small: SmallProblem, options: dict[str, Any]) -> SmallAnswer:
+def call_through_qpsolvers(name: str, options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     """A back end about which qpsolvers says nothing."""
     from qpsolvers import ProblemError, SolverError, solve_problem
 
@@ -142,17 +143,15 @@ def quadratic_program(small: SmallProblem, matrix: Callable[..., Any] = np.ascon
 
 def answer_of(small: SmallProblem, solution: Any) -> SmallAnswer:
     """What qpsolvers' Solution says: x, z of I and y of E."""
-    extras, inequality = solution.extras, ~small.equality
+    extras = solution.extras
     info = extras.get("info")
-    iterations = extras.get("iterations", extras.get("iter", getattr(info, "iter", 0)))
-    failure: Status | None = Status.INFEASIBLE if solution.x is None else Status.UNCERTIFIED
-    if (status := extras.get("status", getattr(info, "status", None))) is not None:
-        failure = failure_named(status)
-    parts = ((solution.z, int(inequality.sum())), (solution.y, int(small.equality.sum())))
-    duals = [np.zeros(count) if found is None or len(found) != count else found for found, count in parts]
-    order = _order(inequality)
-    failure = None if solution.found else failure
-    return _answer(small, order, solution.x, np.concatenate(duals), failure, int(np.max(iterations)))
+    iterations = int(np.max(extras.get("iterations", extras.get("iter", getattr(info, "iter", 0)))))
+    unsaid = "infeasible" if solution.x is None else "unknown"
+    failure = None if solution.found else failure_named(extras.get("status", getattr(info, "status", unsaid)))
+    if solution.x is None:
+        return SmallAnswer(None, None, iterations, failure)
+    order = np.argsort(small.equality, kind="stable")
+    return _answer(small, order, solution.x, np.concatenate((solution.z, solution.y)), failure, iterations)
 
 
 def failure_named(status: object) -> Status | None:
@@ -165,34 +164,20 @@ def failure_named(status: object) -> Status | None:
         return None
     if "infeasible" in text:
         return Status.INFEASIBLE
-    is_limit = any(limit in text for limit in ("maxiter", "maxtime", "userlimit"))
-    return Status.ITERATION_LIMIT if is_limit else Status.UNCERTIFIED
+    return Status.ITERATION_LIMIT if re.search("maxiter|maxtime|userlimit", text) else Status.UNCERTIFIED
 
 
-def _stack(
-    small: SmallProblem, first: Bool[np.ndarray, "p"]
-) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "p"], int]:
+def _stack(small: SmallProblem, first: Bool[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray, _Order, int]:
     """A_E and −A_I, b_E and −b_I, rows where `first` is True above the others; their order, and how many are first."""
-    order = _order(first)
+    order = np.argsort(~first, kind="stable")
     sign = np.where(small.equality[order], 1.0, -1.0)
     return sign[:, None] * small.rows[order], sign * small.bound[order], order, int(first.sum())
 
 
-def _order(first: Bool[np.ndarray, "p"]) -> Int[np.ndarray, "p"]:
-    return np.argsort(~first, kind="stable")
-
-
 def _answer(
-    small: SmallProblem,
-    order: Int[np.ndarray, "p"],
-    x: Any,
-    duals: np.ndarray,
-    failure: Status | None,
-    iterations: int = 0,
+    small: SmallProblem, order: _Order, x: Any, duals: np.ndarray, failure: Status | None, iterations: int = 0
 ) -> SmallAnswer:
     """x and μ of the duals in this order: μ_I = z and μ_E = −y, those of −A_I x ≤ −b_I and A_E x = b_E."""
-    if x is None:
-        return SmallAnswer(None, None, iterations, failure)
     point = np.asarray(x, dtype=np.float64)
     if point.shape != small.center.shape:  # HiGHS without an answer gives an empty one
         return SmallAnswer(None, None, iterations, Status.NUMERICAL_ERROR)

@@ -3,6 +3,7 @@
 min ½xᵀx − cᵀx   s.t.   l ≤ Ax ≤ u,   u = l on E, u = ∞ on I
 """
 
+from _thread import interrupt_main
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -40,38 +41,31 @@ class OSQP(SmallSolver):
     guarantee: ClassVar[str] = "first order (ADMM), polished"
 
     def session(self, n: int, m: int, *, warm_start: bool = False) -> "OSQPSession":
-        """A workspace for problems with n parameters and m constraints; warm_start: from the last answer."""
+        """A solver for problems with n parameters and m constraints; warm_start: from the last answer."""
         require_packages(self)
         return OSQPSession(self, n, m, warm_start=warm_start)
 
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """The certified direction from a workspace of its own; see `Status`. Raises MissingPackageError."""
-        if problem.n == 0:  # gradients that are an object of somebody's, who did not say how long: by its span
-            return super().solve(problem)
-        return self.session(problem.n, problem.m).solve(problem)
-
     def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """B problems of one shape, one after the other in one workspace, each from a cold start."""
+        """B problems of one shape, one after the other in one session, each from a cold start."""
         stacked = ProblemBatch.stack(problems)
         _, m, n = stacked.jacobian.shape
         return self.session(n, m).solve_batch(stacked)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """ADMM's x and μ, from a workspace of its own."""
-        m, k = small.rows.shape
-        return self.session(k, m).solve_small(small)
+        return _run(_set_up(self, small))
 
 
 class OSQPSession(SmallSolver):
-    """OSQP's workspace for one shape. With `warm_start` each problem starts at the last one's answer.
+    """OSQP's workspaces for problems of one shape, one for each shape that they are reduced to.
 
-    Problems that lose rows or coordinates on the way here are filled up with zeros, so that the pattern stays.
+    With `warm_start` each problem starts at the last answer in its workspace.
     """
 
     def __init__(self, settings: OSQP, n: int, m: int, *, warm_start: bool = False) -> None:
         self.tolerance, self.polish = settings.tolerance, settings.polish
         self.settings, self.n, self.m, self.warm_start = settings, n, m, warm_start
-        self._workspace: Any = None
+        self._workspaces: dict[tuple[int, ...], Any] = {}
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; ValueError unless the problem has the session's shape."""
@@ -84,30 +78,55 @@ class OSQPSession(SmallSolver):
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """ADMM's x and μ."""
-        from osqp import SolverStatus
-
-        count, k = small.rows.shape
-        A, q = np.zeros((self.m, min(self.n, self.m + 1))), np.zeros(min(self.n, self.m + 1))
-        A[:count, :k], q[:k] = small.rows, -small.center
-        lower, upper = np.full(self.m, -np.inf), np.full(self.m, np.inf)
-        lower[:count] = np.clip(small.bound, -_LARGEST, _LARGEST)
-        upper[:count][small.equality] = np.clip(small.bound[small.equality], -_LARGEST, _LARGEST)
-        self._load(A, q, lower, upper)
-        solve = partial(self._workspace.solve, raise_error=False)
-        result = run_alone(solve, lambda result: result.info.status_val == SolverStatus.OSQP_SIGINT)
-        failure, iterations = verdict_of(result.info.status_val), int(result.info.iter)
-        if result.x is None:
-            return SmallAnswer(None, None, iterations, failure)
-        return SmallAnswer(np.array(result.x[:k], np.float64), -np.array(result.y[:count]), iterations, failure)
-
-    def _load(self, A: np.ndarray, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-        if self._workspace is None:
-            self._workspace = _workspace(self.settings, A, q, lower, upper)
-            return
-        self._workspace.update(q=q, l=lower, u=upper, Ax=A.ravel(order="F"))
+        shape = small.rows.shape
+        workspace = self._workspaces.get(shape)
+        if workspace is None:
+            workspace = self._workspaces[shape] = _set_up(self.settings, small)
+            return _run(workspace)
+        workspace.update(**_numbers(small), Ax=small.rows.ravel(order="F"))
         if not self.warm_start:  # ADMM's adapted step size is state as well
-            self._workspace.warm_start(x=np.zeros(len(q)), y=np.zeros(len(lower)))
-            self._workspace.update_settings(rho=self.settings.rho)
+            workspace.warm_start(x=np.zeros(shape[1]), y=np.zeros(shape[0]))
+            workspace.update_settings(rho=self.settings.rho)
+        return _run(workspace)
+
+
+def _numbers(small: SmallProblem) -> dict[str, np.ndarray]:
+    """q, l and u."""
+    lower = np.clip(small.bound, -_LARGEST, _LARGEST)
+    return {"q": -small.center, "l": lower, "u": np.where(small.equality, lower, np.inf)}
+
+
+def _set_up(settings: OSQP, small: SmallProblem) -> Any:
+    """A workspace with this problem in it."""
+    import osqp
+    from scipy.sparse import csc_matrix
+
+    rows, columns = small.rows.shape
+    # Every entry is stored, zeros too: later problems fill the same pattern.
+    pattern = (np.tile(np.arange(rows), columns), np.arange(0, rows * columns + 1, rows))
+    options = {
+        "verbose": False, "polishing": False, "rho": settings.rho,
+        "eps_abs": 1e-1 * settings.tolerance, "eps_rel": 0.0,
+        "eps_prim_inf": 1e-10,  # coarser calls a far answer infeasible, finer takes 10⁴ steps for a weak one
+        "max_iter": settings.iteration_limit, "time_limit": settings.time_limit,
+        "adaptive_rho_interval": 25,  # counted in iterations: timed adaptation would change the answer
+    }  # fmt: skip
+    workspace = osqp.OSQP(algebra="builtin")
+    A = csc_matrix((small.rows.ravel(order="F"), *pattern), shape=small.rows.shape)
+    workspace.setup(csc_matrix(np.eye(columns)), A=A, **_numbers(small), **options)
+    return workspace
+
+
+def _run(workspace: Any) -> SmallAnswer:
+    from osqp import SolverStatus
+
+    result = run_alone(partial(workspace.solve, raise_error=False))
+    if result.info.status_val == SolverStatus.OSQP_SIGINT:
+        interrupt_main()
+    failure, iterations = verdict_of(result.info.status_val), int(result.info.iter)
+    if result.x is None:
+        return SmallAnswer(None, None, iterations, failure)
+    return SmallAnswer(np.array(result.x, np.float64), -np.array(result.y), iterations, failure)
 
 
 def verdict_of(status_value: int) -> Status | None:
@@ -123,23 +142,3 @@ def verdict_of(status_value: int) -> Status | None:
         SolverStatus.OSQP_TIME_LIMIT_REACHED: Status.ITERATION_LIMIT,
     }
     return failures.get(SolverStatus(status_value), Status.NUMERICAL_ERROR)
-
-
-def _workspace(settings: OSQP, A: np.ndarray, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Any:
-    import osqp
-    from scipy.sparse import csc_matrix
-
-    rows, columns = A.shape
-    # Every entry is stored, zeros too: later problems fill the same pattern.
-    pattern = (np.tile(np.arange(rows), columns), np.arange(0, rows * columns + 1, rows))
-    stored = csc_matrix((A.ravel(order="F"), *pattern), shape=A.shape)
-    options = {
-        "verbose": False, "polishing": False, "rho": settings.rho,
-        "eps_abs": 1e-1 * settings.tolerance, "eps_rel": 0.0,
-        "eps_prim_inf": 1e-10,  # coarser calls a far answer infeasible, finer takes 10⁴ steps for a weak one
-        "max_iter": settings.iteration_limit, "time_limit": settings.time_limit,
-        "adaptive_rho_interval": 25,  # counted in iterations: timed adaptation would change the answer
-    }  # fmt: skip
-    workspace = osqp.OSQP(algebra="builtin")
-    workspace.setup(csc_matrix(np.eye(columns)), q, stored, lower, upper, **options)
-    return workspace

@@ -13,6 +13,7 @@ import numpy as np
 from ..direction import Status
 from .base import SmallSolver
 from .library_calls import BROKEN, failure_named
+from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 from .through_qpsolvers import BACK_ENDS
 
@@ -51,6 +52,7 @@ class CVXPY(SmallSolver):
         try:
             iterations = _solve(statement, options)
         except cvxpy.SolverError:
+            require_packages(self)  # CLARABEL's too
             return BROKEN
         failure = failure_named(statement.status)
         if x.value is None:

@@ -5,13 +5,13 @@ min ½xᵀx − cᵀx   s.t.   −A_I x ≤ −b_I,   A_E x = b_E
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from .base import SmallSolver
 from .library_calls import call_clarabel, call_highs, call_quadprog, call_scs, call_through_qpsolvers
-from .small_problem import SmallAnswer, SmallProblem
+from .small_problem import Core, SmallAnswer, SmallProblem
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class BackEnd:
 
     accuracy: its tolerances in units of ours, none of them below `least`; limits: its names for the limits of
     iterations and of seconds, as far as it has them; others: options that never change; iterations: their usual limit;
-    call: what asks the library, None: qpsolvers does.
+    call: what asks the library.
     """
 
     package: str
@@ -30,7 +30,7 @@ class BackEnd:
     limits: tuple[str, ...]
     others: Mapping[str, Any]
     iterations: int
-    call: Callable[[SmallProblem, dict[str, Any]], SmallAnswer] | None = None
+    call: Callable[[dict[str, Any], SmallProblem], SmallAnswer]
     least: float = 0.0
     extra: str = "solvers"
 
@@ -49,16 +49,16 @@ BACK_ENDS: Mapping[str, BackEnd] = MappingProxyType(
             "daqp", "Arnström et al. 2022", _DUAL,
             {"primal_tol": 1e-3, "dual_tol": 1e-3}, ("iter_limit", "time_limit"),
             # rows 1e-9 rad apart are two rows; the default of sing_tol joins what is closer than 1e-5
-            {"sing_tol": 1e-20, "zero_tol": 1e-14}, 1000,
+            {"sing_tol": 1e-20, "zero_tol": 1e-14}, 1000, partial(call_through_qpsolvers, "daqp"),
         ),
         "piqp": BackEnd(
             "piqp", "Schwan et al. 2023", _INTERIOR,
             {"eps_abs": 1e-2, "eps_duality_gap_abs": 1e-2}, ("max_iter",),
-            {"eps_rel": 0.0, "eps_duality_gap_rel": 0.0}, 250,
+            {"eps_rel": 0.0, "eps_duality_gap_rel": 0.0}, 250, partial(call_through_qpsolvers, "piqp"),
         ),
         "proxqp": BackEnd(
             "proxsuite", "Bambade et al. 2022", "augmented Lagrangian, polished",
-            {"eps_abs": 1e-1}, ("max_iter",), {"eps_rel": 0.0}, 200,
+            {"eps_abs": 1e-1}, ("max_iter",), {"eps_rel": 0.0}, 200, partial(call_through_qpsolvers, "proxqp"),
         ),
         "clarabel": BackEnd(
             "clarabel", "Goulart & Chen 2024", _INTERIOR,
@@ -109,30 +109,19 @@ class QPSolversBackend(SmallSolver):
         if self.name not in BACK_ENDS:
             raise ValueError(f"name should be one of {', '.join(BACK_ENDS)}; found {self.name!r}")
 
-    @property
-    def package(self) -> str:
-        """The package to import."""
-        return BACK_ENDS[self.name].package
+    package = property(lambda self: BACK_ENDS[self.name].package, doc="The package to import.")
+    source = property(lambda self: BACK_ENDS[self.name].source, doc="Where the method comes from.")
+    guarantee = property(lambda self: BACK_ENDS[self.name].guarantee, doc="What the method promises.")
+    extra = property(lambda self: BACK_ENDS[self.name].extra, doc="The extra of ours that installs the package.")
 
-    @property
-    def source(self) -> str:
-        """Where the method comes from."""
-        return BACK_ENDS[self.name].source
-
-    @property
-    def guarantee(self) -> str:
-        """What the method promises."""
-        return BACK_ENDS[self.name].guarantee
-
-    @property
-    def extra(self) -> str:
-        """The extra of ours that installs the package."""
-        return BACK_ENDS[self.name].extra
-
-    def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The back end's x and μ."""
+    @cached_property
+    def _call(self) -> Core:
+        """The library's function with all options."""
         back_end = BACK_ENDS[self.name]
         limit = back_end.iterations if self.iteration_limit is None else self.iteration_limit
         options = {**back_end.options(self.tolerance, limit, self.time_limit), **self.options}
-        call = back_end.call or partial(call_through_qpsolvers, self.name)
-        return call(small, options)
+        return partial(back_end.call, options)
+
+    def solve_small(self, small: SmallProblem) -> SmallAnswer:
+        """The back end's x and μ."""
+        return self._call(small)

@@ -1,11 +1,13 @@
 """What every solver must not do: print, remember, touch its input, treat a batch as more than a loop."""
 
 import dataclasses
+import importlib
 import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +24,6 @@ from cpgrl_opt.solvers import (
     QPSolversBackend,
     UnusablePackageError,
     is_installed,
-    packages,
     solve_batch,
     solver_named,
     supports,
@@ -195,15 +196,20 @@ def test_a_wrong_name_is_answered_with_the_right_ones() -> None:
         QPSolversBackend("osqp")
 
 
+@pytest.mark.parametrize("geometry", [{}, {"metric": 2 * np.eye(5), "radius": 0.5}], ids=["plain", "ball"])
 @pytest.mark.parametrize("name", [*OPTIONAL, "osqp", "cvxpy"])
-def test_a_missing_package_is_answered_with_what_to_type(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    solver = SOLVERS[name]
-    found = packages.find_spec
-    monkeypatch.setattr(packages, "find_spec", lambda wanted: None if wanted == solver.package else found(wanted))
+def test_a_missing_package_is_answered_with_what_to_type(
+    name: str, geometry: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver, problem = SOLVERS[name], cone(0)
+    monkeypatch.setitem(sys.modules, solver.package, None)  # type: ignore[arg-type]  # Python's word for missing
+    monkeypatch.delitem(importlib.import_module("qpsolvers.solvers").solve_function, name, raising=False)
     assert not is_installed(solver)
     extra = "gpl" if name == "quadprog" else "solvers"
-    with pytest.raises(MissingPackageError, match=rf"{name}.*pip install 'cpgrl-opt\[{extra}\]'"):
-        solver.solve(cone(0))
+    problem = DirectionProblem(problem.gradient, problem.jacobian, problem.bound, **geometry)
+    for solve_it in (solver.solve, lambda each: solver.solve_batch([each, each])):
+        with pytest.raises(MissingPackageError, match=rf"{name}.*pip install 'cpgrl-opt\[{extra}\]'"):
+            solve_it(problem)
 
 
 @pytest.mark.parametrize("name", OPTIONAL)
