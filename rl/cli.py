@@ -4,7 +4,9 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import fields
 from importlib.metadata import version
+from inspect import Parameter, Signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -19,8 +21,8 @@ from .standard_output import NOBODY_READS, WRONG_USE, say, standard_output
 
 if TYPE_CHECKING:
     from .experiments.claims import Claim
+    from .experiments.experiment import Experiment
     from .experiments.progress import TrainingProgress
-    from .experiments.three_state_comparison import ComparisonSettings
 
 FAILED_CLAIM, INTERRUPTED, TERMINATED = 1, 130, (129, 143)
 
@@ -46,9 +48,29 @@ class ListedCommands(TyperGroup):
             raise typer.Exit(NOBODY_READS) from None
 
 
+class Experiments(ListedCommands):
+    """A command for each experiment, made when it is asked for: they import what trains."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - there is one list
+        """Their names."""
+        from .experiments.registry import EXPERIMENTS
+
+        return list(EXPERIMENTS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The experiment's of this name."""
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        alone.command(cmd_name)(_command(cmd_name))
+        return typer.main.get_command(alone)
+
+
 _SETTINGS: dict[str, Any] = {"cls": ListedCommands, "no_args_is_help": True, "pretty_exceptions_enable": False}
 app = typer.Typer(help="Constrained policy-gradient reinforcement learning.", add_completion=False, **_SETTINGS)
-reproduce = typer.Typer(help="Reproduce an experiment of the paper: claims, data, figures.", **_SETTINGS)
+reproduce = typer.Typer(
+    help="Reproduce an experiment of the paper: claims, data, figures.", **{**_SETTINGS, "cls": Experiments}
+)
 app.add_typer(reproduce, name="reproduce")
 
 
@@ -175,138 +197,76 @@ def _names(listed: str) -> list[str]:
     return [name.strip() for name in listed.split(",") if name.strip()]
 
 
-@reproduce.command("three-state")
-def three_state(
-    runs: Annotated[int, typer.Option(help="Independent runs of each method.")] = 20,
-    episodes: Annotated[int, typer.Option(help="Episodes of a run; an update follows each.")] = 10_000,
-    steps: Annotated[int, typer.Option(help="Environment steps of an episode.")] = 100,
-    seed: Annotated[int, typer.Option(help="Seed of all random streams.")] = 0,
-    solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
-    formulation: Annotated[
-        str, typer.Option(help="Of the subproblem: equality, cone, restoring, linearized.")
-    ] = "equality",
-    record_every: Annotated[int, typer.Option(help="Episodes between two rows of a run in learning.csv.")] = 100,
-    record: Annotated[
-        int, typer.Option(help="Direction problems to keep in subproblems.npz; 0 for none.", metavar="N")
-    ] = 0,
-    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/three-state"),
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
-    jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
-    checkpoint_every: Annotated[
-        float, typer.Option(help="Seconds between two checkpoints: what is lost at most when it is killed.")
-    ] = 10.0,
-    anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or go on where it was stopped.")] = False,
-    compare: Annotated[
-        bool, typer.Option("--compare", help="Train CPGRL under other solvers, formulations and drop rules too.")
-    ] = False,
-    compare_solvers: Annotated[str, typer.Option(help="Of --compare; five if empty; or `all`.")] = "",
-    compare_formulations: Annotated[str, typer.Option(help="Of --compare.")] = "equality,cone,restoring,linearized",
-    compare_episodes: Annotated[int, typer.Option(help="Of --compare, where a solver is not compiled.")] = 500,
-) -> None:
-    """CPGRL, CONB and SUM on the three-state MDP: §3 of the paper, Fig. 4 and 5."""
+def _command(name: str) -> Callable[..., None]:
+    """The function behind `cpgrl reproduce NAME`: the experiment's settings as options, then those of every one."""
     with InterruptsHeld():
-        from .experiments.checkpoints import require_interval
-        from .experiments.progress import training_progress
-        from .experiments.three_state import METHODS, ThreeStateSettings
-        from .experiments.three_state_comparison import ComparisonSettings
-        from .experiments.three_state_reproduction import FILES, key_of, remarks, reproduce_three_state
+        from .experiments.checkpoints import EVERY
+        from .experiments.registry import experiment_named
 
-    with _clean_errors(ValueError):
-        processes = _processes(jobs)
-        require_interval(checkpoint_every)
-        settings = ThreeStateSettings(
-            runs=runs, episodes=episodes, steps=steps, seed=seed,
-            solver=solver, formulation=formulation, record_every=record_every, record=record,
-        )  # fmt: skip
-        comparison = None if not compare else ComparisonSettings(
-            training=settings, solvers=_listed(compare_solvers), formulations=_listed(compare_formulations),
-            slow_episodes=compare_episodes,
-        )  # fmt: skip
-    with _reserved(out):
-        place = _place(out, FILES, key_of(settings), anew=anew)
-        with training_progress(METHODS, episodes) as progress, _telling_what_is_kept(progress, place, out):
-            done = reproduce_three_state(
-                settings, out, processes=processes, listen=progress.listen, checkpoint_every=checkpoint_every
-            )
-        if comparison is not None:
-            _compare(comparison, out, processes)
-        written = [name for name in FILES if (out / name).exists()]
-    _report(done.claims, remarks(done), written, out, strict=strict)
+        experiment = experiment_named(name)
 
+    def command(out: Path, strict: bool, jobs: int, checkpoint_every: float, anew: bool, **settings: Any) -> None:
+        lists = {own.name for own in fields(experiment) if not isinstance(own.default, (int, str))}
+        chosen = {own: _names(value) if own in lists else value for own, value in settings.items()}
+        _reproduce(experiment, chosen, out, strict=strict, jobs=jobs, checkpoint_every=checkpoint_every, anew=anew)
 
-@reproduce.command("arm")
-def arm(
-    runs: Annotated[int, typer.Option(help="Independent runs of each condition.")] = 20,
-    episodes: Annotated[int, typer.Option(help="Episodes of a run; an update follows each.")] = 10_000,
-    seed: Annotated[int, typer.Option(help="Seed of all random streams.")] = 0,
-    solver: Annotated[str, typer.Option(help="CPGRL's direction solver; `cpgrl solvers` lists them.")] = "rosen",
-    formulation: Annotated[
-        str, typer.Option(help="Of the subproblem: equality, cone, restoring, linearized.")
-    ] = "equality",
-    estimator: Annotated[str, typer.Option(help="Of the gradients: konda, gpomdp.")] = "konda",
-    conditions: Annotated[
-        str, typer.Option(help="a, b, c of the paper; c-episode, c-feasible, c-no-projection beside them.")
-    ] = "a,b,c,c-episode,c-feasible,c-no-projection",
-    record_every: Annotated[
-        int, typer.Option("--record-every", "--block", help="Episodes of a block, a row of a run in learning.csv.")
-    ] = 100,
-    record: Annotated[
-        int,
-        typer.Option(
-            help="Direction problems to keep in subproblems.npz, of each constrained training; 0 for none.", metavar="N"
+    options = [*map(_option, (own for own in fields(experiment) if own.metadata))]
+    options += [
+        _parameter("out", Path("cpgrl-output") / name, "Directory of the results."),
+        _parameter("strict", False, "Exit with 1 when a claim fails.", "--strict"),
+        _parameter("jobs", 0, "Processes; 0 for one per core. The results do not depend on it."),
+        _parameter(
+            "checkpoint_every", EVERY, "Seconds between two checkpoints: what is lost at most when it is killed."
         ),
-    ] = 0,
-    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/arm"),
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a claim fails.")] = False,
-    jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The results do not depend on it.")] = 0,
-    checkpoint_every: Annotated[
-        float, typer.Option(help="Seconds between two checkpoints: what is lost at most when it is killed.")
-    ] = 10.0,
-    anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or go on where it was stopped.")] = False,
-    compare: Annotated[
-        bool, typer.Option("--compare", help="Train (b) and (c) under every formulation too: compare.csv, compare.md.")
-    ] = False,
-) -> None:
-    """The two-link arm with and without constraints: §4 of the paper, Fig. 6 and 7."""
-    with InterruptsHeld():
-        from .experiments.checkpoints import require_interval
-        from .experiments.progress import training_progress
-        from .experiments.two_link_arm import ArmSettings
-        from .experiments.two_link_arm_comparison import print_comparison
-        from .experiments.two_link_arm_reproduction import FILES, key_of, remarks, reproduce_two_link_arm
+        _parameter("anew", False, "Start over, or go on where it was stopped.", "--anew/--resume"),
+    ]
+    command.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    command.__annotations__ = {}
+    command.__doc__ = experiment.about
+    return command
+
+
+def _option(own: Any) -> Parameter:
+    """Of a setting; lists are words with commas between them."""
+    default = own.default if isinstance(own.default, (int, str)) else ",".join(own.default)
+    names = own.metadata["names"]
+    if isinstance(default, bool):
+        names = (f"--{own.name.replace('_', '-')}",)
+    elif names:
+        names = (f"--{own.name.replace('_', '-')}", *names)
+    return _parameter(own.name, default, own.metadata["words"], *names)
+
+
+def _parameter(name: str, default: Any, words: str, *names: str) -> Parameter:
+    kind = Path if isinstance(default, Path) else type(default)
+    declared = typer.Option(default, *names, help=words)
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=declared, annotation=kind)
+
+
+def _reproduce(
+    experiment: "type[Experiment]", chosen: Mapping[str, Any], out: Path, *, strict: bool, jobs: int,
+    checkpoint_every: float, anew: bool,
+) -> None:  # fmt: skip
+    from .experiments import runner
+    from .experiments.checkpoints import require_interval
+    from .experiments.progress import training_progress
 
     with _clean_errors(ValueError):
         processes = _processes(jobs)
         require_interval(checkpoint_every)
-        settings = ArmSettings(
-            runs=runs, episodes=episodes, seed=seed, solver=solver, formulation=formulation, estimator=estimator,
-            conditions=[name.strip() for name in conditions.split(",")], record_every=record_every, compare=compare,
-            record=record,
-        )  # fmt: skip
-    labels = [case.label for case in settings.cases()]
+        settings = experiment(**chosen)
+        totals = {case.label: case.episodes for case in settings.cases()}
+    files = runner.files_of(experiment)
     with _reserved(out):
-        place = _place(out, FILES, key_of(settings), anew=anew)
-        with training_progress(labels, episodes) as progress, _telling_what_is_kept(progress, place, out):
-            done = reproduce_two_link_arm(
+        place = _place(out, files, runner.key_of(settings), anew=anew)
+        with training_progress(totals) as progress, _telling_what_is_kept(progress, place, out):
+            done = runner.reproduce(
                 settings, out, processes=processes, listen=progress.listen, checkpoint_every=checkpoint_every
             )
-        written = [name for name in FILES if (out / name).exists()]
-    if done.comparison:
-        print_comparison(done.comparison, done.results.arm)
-    _report(done.claims, remarks(done), written, out, strict=strict)
-
-
-def _compare(settings: "ComparisonSettings", out: Path, processes: int) -> None:
-    from .experiments.progress import training_progress
-    from .experiments.three_state_reproduction import compare_in
-
-    answered = _signals_answered(lambda: f"{out} holds the reproduction, without the comparison.")
-    with answered, _clean_errors(), training_progress(["comparison"], settings.updates) as progress:
-        compare_in(out, settings, processes=processes, listen=progress.listen)
-
-
-def _listed(names: str) -> list[str]:
-    return [name.strip() for name in names.split(",") if name.strip()]
+        written = [name for name in files if (out / name).exists()]
+    for comparison, table in done.tables:
+        comparison.show(table)
+    _report(done.claims, runner.remarks(done), written, out, strict=strict)
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """Statements of the paper beside what was measured: a table to read, a file to compute with."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ class Claim:
     """One statement of the paper, and whether it came out.
 
     id: short name; claim: the paper's words; source: where they stand; measured: the numbers that decide, and the
-    margin they are held against; evidence: the same in a few words; holds: the verdict.
+    margin they are held against; evidence: the same in a few words; holds: the verdict; about: whose training it is
+    judged by where the paper's word for it may mean more than one, else "".
     """
 
     id: str
@@ -25,6 +26,7 @@ class Claim:
     measured: dict[str, float]
     evidence: str
     holds: bool
+    about: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """What `claims.json` holds of it."""
@@ -34,7 +36,49 @@ class Claim:
             "source": self.source,
             "measured": {name: float(value) for name, value in self.measured.items()},
             "holds": bool(self.holds),
+            **({"about": self.about} if self.about else {}),
         }
+
+
+# What decides, in words, and whether it holds.
+Verdict = tuple[bool, dict[str, float], str]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A claim to be judged by evidence; needs: labels of the trainings without which it is left out."""
+
+    id: str
+    claim: str
+    source: str
+    judge: Callable[..., Verdict]
+    needs: tuple[str, ...] = ()
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Statements:
+    """All that an experiment claims, in order, each added by a decorator of the function that judges it."""
+
+    all: list[Statement] = field(default_factory=list)
+
+    def add(self, name: str, claim: str, source: str, **more: Any) -> Callable[[Callable[..., Verdict]], Any]:
+        """A decorator; name: its id; see `Statement`."""
+
+        def added(judge: Callable[..., Verdict]) -> Callable[..., Verdict]:
+            self.all.append(Statement(name, claim, source, judge, **more))
+            return judge
+
+        return added
+
+    def judged(self, evidence: Any) -> list[Claim]:
+        """Those whose trainings are among the evidence's curves."""
+        claims = []
+        for own in self.all:
+            if set(own.needs) <= set(evidence.curves):
+                holds, measured, words = own.judge(evidence)
+                claims.append(Claim(own.id, own.claim, own.source, measured, words, holds, own.about))
+        return claims
 
 
 def write_claims(claims: Sequence[Claim], path: Path) -> None:

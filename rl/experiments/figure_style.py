@@ -41,10 +41,10 @@ _STYLE: Any = {
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """The style while drawing and saving; matplotlib's own settings are as before afterwards."""
-    from matplotlib import rc_context
+    """The style while drawing and saving, whatever a user's matplotlibrc says; its settings are back afterwards."""
+    from matplotlib.style import context
 
-    with rc_context(_STYLE):
+    with context(["default", _STYLE]):
         yield
 
 

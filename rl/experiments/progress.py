@@ -1,6 +1,6 @@
 """Progress bars on stderr, one for each thing that is trained; silent where stderr is no terminal."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -23,10 +23,10 @@ class Report(Protocol):
 class TrainingProgress:
     """Bars by label; `recorded` remembers how far the results of each reach."""
 
-    def __init__(self, bars: Progress, labels: Sequence[str], episodes: int) -> None:
+    def __init__(self, bars: Progress, totals: Mapping[str, int]) -> None:
         self.bars = bars
         self._tasks: dict[str, TaskID] = {
-            label: bars.add_task(f"{label}, waiting or compiling", total=episodes) for label in labels
+            label: bars.add_task(f"{label}, waiting or compiling", total=episodes) for label, episodes in totals.items()
         }
         self.recorded: dict[str, int] = {}
 
@@ -42,9 +42,9 @@ class TrainingProgress:
 
 
 @contextmanager
-def training_progress(labels: Sequence[str], episodes: int) -> Iterator[TrainingProgress]:
-    """Bars while the context lasts, gone afterwards."""
+def training_progress(totals: Mapping[str, int]) -> Iterator[TrainingProgress]:
+    """Bars while the context lasts, gone afterwards; totals: episodes by label."""
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        yield TrainingProgress(bars, labels, episodes)
+        yield TrainingProgress(bars, totals)

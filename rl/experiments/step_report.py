@@ -16,11 +16,14 @@ _EVENTS = {
     "flat": "active constraints without gradient, left out",
     "long": "changes that a restoration made longer than the radius",
 }
+# What is the rule, or told elsewhere.
+_EXPECTED = ("constrained", "objective", "uncertified")
 
 
 def in_words(counts: Mapping[str, int]) -> str:
     """Each event that happened, with its number; a name without words of its own stands for itself."""
-    return ", ".join(f"{count} {_EVENTS.get(name, name)}" for name, count in counts.items() if count)
+    told = ((name, count) for name, count in counts.items() if count and name not in _EXPECTED)
+    return ", ".join(f"{count} {_EVENTS.get(name, name)}" for name, count in told)
 
 
 def handing_over(name: str, solver: Any, formulation: str) -> list[str]:

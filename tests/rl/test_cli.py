@@ -13,11 +13,12 @@ from cpgrl_opt import FORMULATIONS, SOLVERS, MissingPackageError
 from rl import DivergenceError
 from rl.cli import app
 from rl.experiments.checkpoints import FOLDER
-from rl.experiments.three_state import METHODS
-from rl.experiments.three_state_comparison_results import FILES as COMPARISON
-from rl.experiments.three_state_reproduction import FILES
+from rl.experiments.runner import files_of
+from rl.experiments.three_state import METHODS, ThreeStateExperiment
 from rl.experiments.workers import WorkerDiedError
 
+FILES = files_of(ThreeStateExperiment)
+COMPARISON = {"comparison.csv", "comparison.md", "comparison.json"}
 TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
 
 
@@ -70,13 +71,13 @@ def test_a_small_reproduction_prints_claims_speed_and_where_it_wrote(finished):
 
 def test_results_of_an_earlier_run_are_replaced_and_other_files_left(finished):
     _, out = finished
-    assert {path.name for path in out.iterdir()} == {*FILES, "notes.txt"} - set(COMPARISON)
+    assert {path.name for path in out.iterdir()} == {*FILES, "notes.txt"} - COMPARISON
     assert (out / "notes.txt").read_text(encoding="utf-8") == "mine"
     assert isinstance(json.loads((out / "claims.json").read_text(encoding="utf-8")), list)
 
 
 def test_strict_exits_with_1_when_a_claim_fails(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
     result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path, "--strict")
     assert result.exit_code == 1
     assert "claims hold" in result.stdout
@@ -144,7 +145,7 @@ def test_a_crash_leaves_what_was_recorded_and_says_so(tmp_path, monkeypatch):
     def crash(*_):
         raise RuntimeError("out of luck")
 
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.three_state_claims", crash)
+    monkeypatch.setattr("rl.experiments.three_state.ThreeStateExperiment.claims", crash)
     result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
     assert isinstance(result.exception, RuntimeError)
     assert "learning.csv holds cpgrl to episode 20, conb to episode 20, sum to episode 20." in result.stderr
@@ -165,7 +166,7 @@ def test_what_is_no_bug_of_ours_is_one_line(tmp_path, monkeypatch, failure):
     def fail(*_, **__):
         raise failure
 
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.train_three_state", fail)
+    monkeypatch.setattr("rl.experiments.runner.train", fail)
     result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
     assert result.exit_code == 2
     assert str(failure) in result.stderr
@@ -176,7 +177,7 @@ def test_a_value_error_within_training_or_drawing_is_a_bug_and_keeps_its_traceba
     def broken(*_):
         raise ValueError("operands could not be broadcast")
 
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", broken)
+    monkeypatch.setattr("rl.experiments.runner.draw", broken)
     result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
     assert isinstance(result.exception, ValueError)
 

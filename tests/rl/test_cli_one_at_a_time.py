@@ -23,7 +23,7 @@ def cpgrl(*arguments):
 
 @pytest.mark.skipif(os.name == "nt", reason="kills a process group")
 def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpgrl, monkeypatch):
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
     endless = ["--runs", 2, "--episodes", 100_000_000, "--record-every", 10, "--jobs", 1]
     first = start_cpgrl("reproduce", "three-state", *endless, "--out", tmp_path)
     until = time.monotonic() + 300
@@ -49,11 +49,10 @@ def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpg
 
 
 def test_the_folder_is_held_until_the_last_file_is_there(tmp_path, monkeypatch):
-    """`--compare` writes after the reproduction is finished."""
     seen = []
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
-    monkeypatch.setattr("rl.cli._compare", lambda *_: seen.append((tmp_path / LOCK).exists()))
-    result = cpgrl("reproduce", "three-state", *TINY, "--compare", "--out", tmp_path)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.write_summary", lambda *_: seen.append((tmp_path / LOCK).exists()))
+    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
     assert result.exit_code == 0, result.stderr
     assert seen == [True]
     assert not (tmp_path / LOCK).exists()

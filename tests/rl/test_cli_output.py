@@ -48,7 +48,7 @@ def test_every_command_prints_with_question_marks_for_what_the_encoding_lacks(
 ):
     if arguments[0] == "export":
         pytest.importorskip("pyarrow")
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     code, output = printed(arguments, *stream, monkeypatch)
     assert code == 0

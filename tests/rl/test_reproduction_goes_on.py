@@ -14,30 +14,32 @@ import pytest
 from typer.testing import CliRunner
 
 from rl.cli import app
-from rl.experiments import checkpoints, three_state_reproduction, two_link_arm_reproduction
+from rl.experiments import checkpoints, runner
+from rl.experiments.arm import ArmExperiment
 from rl.experiments.checkpoints import FOLDER, CheckpointError
-from rl.experiments.three_state import Snapshot, ThreeStateSettings
-from rl.experiments.two_link_arm import ArmSettings
+from rl.experiments.three_state import ThreeStateExperiment
 from rl.saved_state import read_state
 
-CHAIN = ThreeStateSettings(runs=2, episodes=250, steps=10, record_every=7, record=40)
-ARM = ArmSettings(runs=2, episodes=30, steps=60, record_every=7, record=40, conditions=("a", "c-episode"), compare=True)
-KINDS = {
-    "three-state": (three_state_reproduction, "reproduce_three_state", CHAIN),
-    "arm": (two_link_arm_reproduction, "reproduce_two_link_arm", ARM),
-}
-SAME = ("learning.csv", "claims.json", "subproblems.npz", "compare.csv")
+CHAIN = ThreeStateExperiment(runs=2, episodes=250, steps=10, record_every=7, record=40)
+ARM = ArmExperiment(
+    runs=2, episodes=30, steps=60, record_every=7, record=40, conditions=("a", "c-episode"), compare=True
+)
+COMPARED = replace(
+    CHAIN, compare=True, compare_solvers=("active-set", "nnls"), compare_formulations=("equality", "cone"),
+    compare_episodes=40,
+)  # fmt: skip
+KINDS = {"three-state": CHAIN, "three-state compared": COMPARED, "arm": ARM}
+CPGRL = "cpgrl, 0 to 1.npz"
+SAME = ("learning.csv", "claims.json", "subproblems.npz", "compare.csv", "comparison.csv")
 
 
 @pytest.fixture(autouse=True)
 def no_figures(monkeypatch):
-    for module, *_ in KINDS.values():
-        monkeypatch.setattr(module, "draw", lambda *_: None)
+    monkeypatch.setattr(runner, "draw", lambda *_: None)
 
 
 def reproduce(kind, directory, **options):
-    module, name, settings = KINDS[kind]
-    return getattr(module, name)(options.pop("settings", settings), directory, **options)
+    return runner.reproduce(options.pop("settings", KINDS[kind]), directory, **options)
 
 
 def contents(directory):
@@ -48,13 +50,13 @@ def contents(directory):
 def undisturbed(tmp_path_factory):
     found = {}
     with pytest.MonkeyPatch.context() as patch:
-        for kind, (module, *_) in KINDS.items():
-            patch.setattr(module, "draw", lambda *_: None)
+        patch.setattr(runner, "draw", lambda *_: None)
+        for kind in KINDS:
             directory = tmp_path_factory.mktemp(kind)
             reproduce(kind, directory)
             found[kind] = contents(directory)
             assert not (directory / FOLDER).exists()
-    assert [len(files) for files in found.values()] == [3, 4]
+    assert [len(files) for files in found.values()] == [3, 4, 4]
     return found
 
 
@@ -118,7 +120,7 @@ def stop_at(directory, kind, number, **options):
     return heard
 
 
-@pytest.mark.parametrize(("kind", "first", "second"), [("three-state", 1, 2), ("arm", 2, 1)])
+@pytest.mark.parametrize(("kind", "first", "second"), [("three-state compared", 1, 2), ("arm", 2, 1)])
 def test_it_goes_on_with_another_number_of_processes(kind, first, second, tmp_path, undisturbed):
     stop_at(tmp_path, kind, 6, processes=first)
     assert reached(tmp_path)
@@ -128,10 +130,10 @@ def test_it_goes_on_with_another_number_of_processes(kind, first, second, tmp_pa
 
 def test_no_more_than_the_last_interval_is_lost(tmp_path):
     last = stop_at(tmp_path, "three-state", 20)[-1]
-    assert reached(tmp_path) == {"cpgrl.npz": last.episode - 1}, "an episode"
+    assert reached(tmp_path) == {CPGRL: last.episode - 1}, "an episode"
     heard = []
     reproduce("three-state", tmp_path, listen=heard.append)
-    own = [message.episode for message in heard if isinstance(message, Snapshot) and message.label == "cpgrl"]
+    own = [message.episode for message in heard if message.recorded and message.label == "cpgrl"]
     assert own == [*range(0, CHAIN.episodes, CHAIN.record_every), CHAIN.episodes]
 
 
@@ -142,13 +144,11 @@ def test_what_is_done_is_not_done_again(kind, tmp_path, undisturbed, monkeypatch
     def stop(*_):
         raise StopError
 
-    module = KINDS[kind][0]
     with monkeypatch.context() as patch:
-        patch.setattr(module, "write_claims", stop)
+        patch.setattr(runner, "write_claims", stop)
         with pytest.raises(StopError):
             reproduce(kind, tmp_path)
-    episodes = KINDS[kind][2].episodes
-    assert set(reached(tmp_path).values()) == {episodes}
+    assert set(reached(tmp_path).values()) == {case.episodes for case in KINDS[kind].cases()}
     reproduce(kind, tmp_path)
     assert contents(tmp_path) == undisturbed[kind]
 
@@ -166,7 +166,7 @@ def test_only_the_same_experiment_goes_on(tmp_path, undisturbed, monkeypatch):
     again = tmp_path / "unfinished-2"
     before = reached(again)
     stop_at(tmp_path, "three-state", 12, settings=other)
-    assert reached(again)["cpgrl.npz"] > before["cpgrl.npz"], "it goes on where it was"
+    assert reached(again)[CPGRL] > before[CPGRL], "it goes on where it was"
     reproduce("three-state", tmp_path)
     assert contents(tmp_path) == undisturbed["three-state"]
     reproduce("three-state", tmp_path, settings=other)
@@ -185,9 +185,9 @@ def test_a_finished_run_ends_what_was_stopped_in_its_place(tmp_path):
 
 def test_a_damaged_checkpoint_is_refused_with_what_to_do(tmp_path):
     stop_at(tmp_path, "three-state", 6)
-    path = tmp_path / FOLDER / "cpgrl.npz"
+    path = tmp_path / FOLDER / CPGRL
     path.write_bytes(path.read_bytes()[:-9])
-    with pytest.raises(CheckpointError, match=r"cpgrl.npz should be .* whole; found .*\. --anew starts over"):
+    with pytest.raises(CheckpointError, match=r"cpgrl, 0 to 1.npz should be .* whole; found .*\. --anew starts over"):
         reproduce("three-state", tmp_path)
 
 
@@ -206,7 +206,7 @@ def test_the_command_says_that_it_goes_on_or_starts_over(tmp_path, undisturbed):
     assert (done.exit_code, done.stderr) == (0, f"Going on where {out} was left; --anew starts over.\n")
     assert json.loads((out / "summary.json").read_text(encoding="utf-8"))["was_stopped"] is True
     assert contents(out) == undisturbed["three-state"]
-    (kept / FOLDER / "cpgrl.npz").write_bytes(b"")
+    (kept / FOLDER / CPGRL).write_bytes(b"")
     refused = cpgrl(kept)
     assert refused.exit_code == 2
     assert refused.stderr.splitlines()[-1].endswith("--anew starts over")
@@ -228,7 +228,7 @@ def test_an_interval_that_is_none_is_refused(every, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="kills process groups")
 @pytest.mark.parametrize(("kind", "settings"), [
-    ("three-state", ["--runs", "4", "--episodes", "3000"]),
+    ("three-state", ["--runs", "4", "--episodes", "3000", "--compare", "--compare-solvers", "active-set,nnls"]),
     ("arm", ["--runs", "2", "--episodes", "600", "--conditions", "a,b"]),
 ])  # fmt: skip
 def test_the_command_killed_at_random_moments_with_any_jobs(kind, settings, tmp_path, start_cpgrl):

@@ -12,8 +12,8 @@ from gymnasium.spaces import Discrete
 from cpgrl_opt import ConstrainedStep
 from envs import TabularEnv, TabularMDP, TwoLinkArm
 from rl import CPGRL, GPOMDP, KondaActorCritic, LinearSoftmax, NormalizedGaussianNetwork, SoftmaxTable, train
-from rl.experiments.three_state import ThreeStateSettings
-from rl.experiments.two_link_arm import ArmSettings
+from rl.experiments.arm import ArmExperiment
+from rl.experiments.three_state import ThreeStateExperiment
 from rl.streams import run_streams
 
 ESTIMATORS = [GPOMDP(), GPOMDP(weights="usual"), KondaActorCritic()]
@@ -91,10 +91,10 @@ def test_konda_s_critics_subtract_the_corrected_average() -> None:
 
 
 def test_the_reproductions_keep_equation_4_as_printed_and_name_it() -> None:
-    assert not ThreeStateSettings().bias_correction
-    assert not ThreeStateSettings().estimator().bias_correction
+    assert not ThreeStateExperiment().bias_correction
+    assert not ThreeStateExperiment().estimator().bias_correction
     for name in ("konda", "gpomdp"):
-        settings = ArmSettings(estimator=name)
+        settings = ArmExperiment(estimator=name)
         assert not settings.bias_correction
         assert not settings.gradient_estimator("b").bias_correction  # type: ignore[attr-defined]
 

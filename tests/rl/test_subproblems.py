@@ -5,22 +5,27 @@ from dataclasses import replace
 import numpy as np
 
 from cpgrl_opt.comparison.recording import load_recording
+from rl.experiments.arm import ArmExperiment
+from rl.experiments.share import train_share
 from rl.experiments.subproblems import FILE, write_subproblems
-from rl.experiments.three_state import Snapshot, ThreeStateSettings, train_method
-from rl.experiments.two_link_arm import ArmSettings, Case
-from rl.experiments.two_link_arm_training import train_share
+from rl.experiments.three_state import ThreeStateExperiment
 
-TINY = ThreeStateSettings(runs=2, episodes=25, steps=20, record_every=25, record=40)
-ARM = ArmSettings(runs=3, episodes=8, record=1000)
-CASE = Case("c", "c", "rosen", "equality")
+TINY = ThreeStateExperiment(runs=2, episodes=25, steps=20, record_every=25, record=40)
+ARM = ArmExperiment(runs=3, episodes=8, record=1000)
+
+
+def train(settings, label):
+    """All runs of one of its trainings."""
+    case = next(case for case in settings.cases() if case.label == label)
+    return train_share((settings, case, tuple(range(settings.runs))), lambda _: None)
 
 
 def test_watching_a_training_does_not_change_it_and_keeps_what_was_asked_for():
     learned, kept = [], []
     for record in (0, 40):
-        messages = []
-        kept.append(train_method((replace(TINY, record=record), "cpgrl"), messages.append).recording)
-        learned.append([message.parameters for message in messages if isinstance(message, Snapshot)][-1])
+        outcome = train(replace(TINY, record=record), "cpgrl")
+        kept.append(outcome.recording)
+        learned.append(outcome.parameters)
     assert np.array_equal(*learned)
     assert kept[0] is None
     assert 0 < len(kept[1]) <= 40
@@ -29,12 +34,13 @@ def test_watching_a_training_does_not_change_it_and_keeps_what_was_asked_for():
 
 
 def test_methods_without_direction_problems_record_none():
-    assert train_method((replace(TINY, episodes=2), "sum"), lambda _: None).recording is None
+    assert train(replace(TINY, episodes=2), "sum").recording is None
 
 
 def test_runs_shared_out_leave_the_same_file_as_all_together(tmp_path):
+    case = next(case for case in ARM.cases() if case.label == "c")
     for name, shares in (("one", [(0, 1, 2)]), ("two", [(0, 1), (2,)])):
-        outcomes = [train_share((ARM, CASE, runs), lambda _: None) for runs in shares]
+        outcomes = [train_share((ARM, case, runs), lambda _: None) for runs in shares]
         (tmp_path / name).mkdir()
         write_subproblems([outcome.recording for outcome in outcomes], tmp_path / name)
     assert (tmp_path / "one" / FILE).read_bytes() == (tmp_path / "two" / FILE).read_bytes()

@@ -2,6 +2,8 @@
 
 import csv
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,31 +12,37 @@ from typer.testing import CliRunner
 from cpgrl_opt import SOLVERS
 from cpgrl_opt.solvers import is_usable
 from envs import ThreeStateMDP
+from rl import SoftmaxTable
 from rl.cli import app
 from rl.experiments.bootstrap import mean_intervals
-from rl.experiments.three_state import ThreeStateSettings
-from rl.experiments.three_state_comparison import (
-    Case,
-    CaseOutcome,
-    ComparisonSettings,
-    compare_three_state,
-    train_case,
-)
-from rl.experiments.three_state_comparison_results import FILES, MEASURES, measured, write_comparison
+from rl.experiments.messages import Outcome
+from rl.experiments.runner import reproduce
+from rl.experiments.share import train_share
+from rl.experiments.three_state import MEASURES, METHODS, ThreeStateExperiment
 
-TINY = ThreeStateSettings(runs=3, episodes=12, steps=20)
-SETTINGS = ComparisonSettings(
-    training=TINY, solvers=["rosen", "active-set", "rosen-drop", "nnls"], slow_episodes=8, tolerance=0.02
-)
+TINY = ThreeStateExperiment(runs=3, episodes=12, steps=20, compare=True)
+SETTINGS = replace(TINY, compare_solvers=["rosen", "active-set", "rosen-drop", "nnls"], compare_episodes=8)
 
 
 @pytest.fixture(scope="module")
-def outcomes():
-    return compare_three_state(SETTINGS)
+def finished(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("compared")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rl.experiments.runner.draw", lambda *_: None)
+        return reproduce(SETTINGS, directory), directory
+
+
+@pytest.fixture(scope="module")
+def outcomes(finished):
+    """(case, its exact averages by moment, its outcome) of each training compared."""
+    results = finished[0].results
+    return [
+        (case, results.curves[case.label]["exact"][:, 0], results.outcomes[case.label]) for case in SETTINGS.compared
+    ]
 
 
 def test_every_solver_is_compared_where_it_is_taken_and_the_first_under_every_drop_rule():
-    cases = [(case.formulation, case.drop, case.solver, case.episodes) for case in SETTINGS.cases()]
+    cases = [(case.formulation, case.drop, case.solver, case.episodes) for case in SETTINGS.compared]
     assert cases == [
         ("equality", "never", "rosen", 12),
         ("equality", "stationary", "rosen", 12),
@@ -51,68 +59,62 @@ def test_every_solver_is_compared_where_it_is_taken_and_the_first_under_every_dr
         ("linearized", "", "nnls", 8),
     ]
     assert SETTINGS.common == 8
-    assert SETTINGS.updates == sum(case[3] for case in cases)
+    assert [case.label for case in SETTINGS.cases() if case.in_learning] == list(METHODS)
 
 
 def test_all_means_every_solver_that_can_be_used():
-    every = ComparisonSettings(training=TINY, solvers=["all"], formulations=["equality"])
-    assert every.names() == [name for name, solver in SOLVERS.items() if is_usable(solver)]
-    assert {case.solver for case in every.cases()} >= {"rosen", "enumeration"}
+    every = replace(TINY, compare_solvers=["all"], compare_formulations=["equality"])
+    assert every.solvers_compared() == [name for name, solver in SOLVERS.items() if is_usable(solver)]
+    assert {case.solver for case in every.compared} >= {"rosen", "enumeration"}
 
 
 def test_cases_share_their_random_numbers_so_that_exact_solvers_learn_the_same(outcomes):
-    by_case = {
-        (outcome.case.formulation, outcome.case.solver): outcome
-        for outcome in outcomes
-        if outcome.case.drop != "always"
-    }
-    for outcome in outcomes:
-        assert np.array_equal(outcome.exact[:, 0], outcomes[0].exact[:, 0])
-        assert outcome.exact.shape == (3, SETTINGS.common + 1, 4)
+    by_case = {(case.formulation, case.solver): exact for case, exact, _ in outcomes if case.drop != "always"}
+    first = outcomes[0][1][:, 0]
+    for _, exact, _ in outcomes:
+        assert np.array_equal(exact[:, 0], first)
+        assert exact.shape == (3, SETTINGS.common + 1, 4)
     for formulation, one, other in (("equality", "rosen", "nnls"), ("cone", "active-set", "nnls")):
-        exact, again = (by_case[formulation, name].exact for name in (one, other))
-        np.testing.assert_allclose(exact, again, atol=1e-9)
-    assert not np.allclose(by_case["equality", "rosen"].exact, by_case["restoring", "nnls"].exact, atol=1e-9)
+        np.testing.assert_allclose(by_case[formulation, one], by_case[formulation, other], atol=1e-9)
+    assert not np.allclose(by_case["equality", "rosen"], by_case["restoring", "nnls"], atol=1e-9)
 
 
 def test_what_a_solver_does_not_certify_is_counted(outcomes):
-    for outcome in outcomes:
-        failed = {name for name in outcome.statuses if name not in ("OPTIMAL", "INFEASIBLE")}
-        assert bool(outcome.uncertified.any()) == bool(failed)
-        if outcome.case.solver == "rosen-drop":  # restorations have b > 0
+    for case, _, outcome in outcomes:
+        failed = {name for name, number in outcome.totals.items() if number and name.isupper()}
+        failed -= {"OPTIMAL", "INFEASIBLE"}
+        assert bool(outcome.counts["uncertified"].any()) == bool(failed)
+        if case.solver == "rosen-drop":  # restorations have b > 0
             assert failed == {"UNSUPPORTED"}
         else:
             assert not failed
 
 
 def test_the_result_does_not_depend_on_processes_or_on_what_else_is_compared(outcomes):
-    alone = train_case((SETTINGS, outcomes[1].case), lambda _: None)
-    assert np.array_equal(alone.exact, outcomes[1].exact)
-    assert np.array_equal(alone.last, outcomes[1].last)
-
-
-def test_progress_adds_up_to_all_updates():
+    case, exact, outcome = outcomes[1]
     heard = []
-    settings = ComparisonSettings(training=TINY, solvers=["rosen"], formulations=["equality"])
-    compare_three_state(settings, listen=heard.append)
-    assert heard[-1].episode == settings.updates == 36
+    alone = train_share((SETTINGS, case, (0, 1, 2)), heard.append)
+    assert np.array_equal(heard[-2].values["exact"], exact)
+    assert np.array_equal(alone.parameters, outcome.parameters)
 
 
-def outcome_of(below, last_below=0.0):
-    """A case of two runs whose ρ³ lies so far below its threshold, by moment; ρ¹ = 0.5."""
+def measured(below, last_below=0.0):
+    """Measures by name of two runs or more whose ρ³ lies so far below its threshold, by moment; ρ¹ = 0.5."""
     below = np.asarray(below, dtype=float)
     exact = np.zeros((*below.shape, 4))
     exact[..., 0] = 0.5
     exact[..., 2] = -below
     last = np.tile([0.75, 0.0, -last_below, 0.0], (len(below), 1))
-    return CaseOutcome(Case("cone", "", "active-set", 4), exact, last, np.zeros(len(below), np.int64), {}, 0.0, 1.0)
+    none = np.zeros(len(below), np.int64)
+    outcome = Outcome("", tuple(range(len(below))), 4, none, 1.0, 1.0, 0.0, last, {"uncertified": none})
+    rows = SETTINGS.measured({"exact": exact[:, None], "last": last[:, None]}, outcome)
+    return dict(zip([measure.name for measure in MEASURES], rows.T, strict=True))
 
 
-def test_measures_are_what_their_definition_says_by_hand():
-    outcome = outcome_of([[0.5, 0.25, 0.0, 0.125, 0.0], [0.0, 0.0, 0.0, 0.0, 0.25], [0.01] * 5], last_below=0.1)
-    values = dict(
-        zip([name for name, _, _ in MEASURES], measured(SETTINGS, outcome, np.array([0.0, 3.0, 1.0])).T, strict=True)
-    )
+def test_measures_are_what_their_definition_says_by_hand(monkeypatch):
+    penalties = SimpleNamespace(multipliers=np.array([0.0, 3.0, 1.0]))
+    monkeypatch.setitem(vars(SETTINGS), "optimum", penalties)
+    values = measured([[0.5, 0.25, 0.0, 0.125, 0.0], [0.0, 0.0, 0.0, 0.0, 0.25], [0.01] * 5], last_below=0.1)
     assert values["feasible_from"].tolist() == [4, 5, 0]  # 5: it is violated at the common end
     np.testing.assert_allclose(values["cumulative_violation"], [0.375, 0.25, 0.04])
     np.testing.assert_allclose(values["common_return"], 0.5)
@@ -129,19 +131,20 @@ def test_no_policy_has_a_constrained_return_above_the_optimum():
     assert averages[:, 0].max() > optimum.values[0]  # by violation
 
 
-def test_files_hold_every_run_and_the_table_the_intervals(outcomes, tmp_path):
-    table = write_comparison(SETTINGS, outcomes, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
-    with (tmp_path / "comparison.csv").open(encoding="utf-8", newline="") as file:
+def test_files_hold_every_run_and_the_table_the_intervals(finished, outcomes):
+    done, directory = finished
+    ((_, table),) = done.tables
+    with (directory / "comparison.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(outcomes) * TINY.runs
     finals = [float(row["final_return"]) for row in rows[: TINY.runs]]
-    np.testing.assert_allclose(finals, outcomes[0].last[:, 0], rtol=1e-8)
+    policies = SoftmaxTable(3, 3).probabilities(outcomes[0][2].parameters)
+    np.testing.assert_allclose(finals, ThreeStateMDP().average_rewards(policies)[:, 0], rtol=1e-8)
     assert f"{np.mean(finals):.4f} [" in table[1][table[0].index("final ρ¹")]
-    text = (tmp_path / "comparison.md").read_text(encoding="utf-8")
+    text = (directory / "comparison.md").read_text(encoding="utf-8")
     assert text.count("\n| ") == len(outcomes) + 2
     assert "fewer updates" in text
-    assert len(json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))["cases"]) == len(outcomes)
+    assert len(json.loads((directory / "comparison.json").read_text(encoding="utf-8"))["cases"]) == len(outcomes)
 
 
 def test_intervals_cover_the_mean_as_often_as_they_say():
@@ -158,20 +161,26 @@ def test_intervals_cover_the_mean_as_often_as_they_say():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"solvers": ["rosn"]}, "solver should be one of rosen, .*; found 'rosn'"),
-        ({"formulations": ["cones"]}, "formulation should be one of equality, cone, .*, linearized; found 'cones'"),
-        ({"solvers": ["rosen"], "formulations": ["cone"]}, "a solver should take one of the formulations"),
-        ({"slow_episodes": 0}, "slow_episodes should be"),
+        ({"compare_solvers": ["rosn"]}, "solver should be one of rosen, .*; found 'rosn'"),
+        (
+            {"compare_formulations": ["cones"]},
+            "formulation should be one of equality, cone, .*, linearized; found 'cones'",
+        ),
+        (
+            {"compare_solvers": ["rosen"], "compare_formulations": ["cone"]},
+            "a solver should take one of the formulations",
+        ),
+        ({"compare_episodes": 0}, "compare_episodes should be"),
     ],
 )
 def test_bad_settings_are_answered_with_what_they_should_be(changes, message):
     assert "rosen" in SOLVERS
     with pytest.raises(ValueError, match=message):
-        ComparisonSettings(training=TINY, **changes)
+        replace(TINY, **changes)
 
 
 def test_the_command_compares_what_is_asked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.three_state_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
     result = CliRunner().invoke(
         app,
         ["reproduce", "three-state", "--runs", "2", "--episodes", "12", "--steps", "20", "--jobs", "1", "--compare",
@@ -179,7 +188,7 @@ def test_the_command_compares_what_is_asked_for(tmp_path, monkeypatch):
          "--out", str(tmp_path)],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert "Solvers and formulations compared" in result.stdout
+    assert "CPGRL on the three-state MDP by solver" in result.stdout
     assert "comparison.csv" in result.stdout
     lines = (tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()
     assert [line.split(",")[:5] for line in lines[1::2]] == [

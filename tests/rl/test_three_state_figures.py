@@ -6,7 +6,7 @@ import pytest
 from envs import ThreeStateMDP
 from rl.experiments.figure_style import paper_style
 from rl.experiments.learning_curves import LearningCurves
-from rl.experiments.three_state_figures import averages_figure, policies_figure
+from rl.experiments.mdp_figures import averages_figure, policies_figure
 
 EPISODES = np.arange(0, 501, 100)
 

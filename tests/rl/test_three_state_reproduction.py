@@ -10,20 +10,14 @@ import pytest
 
 from envs import ThreeStateMDP
 from rl import SoftmaxTable, train, uniform_parameters
-from rl.experiments.three_state import (
-    METHODS,
-    Recorder,
-    Snapshot,
-    ThreeStateSettings,
-    Tick,
-    train_method,
-    train_three_state,
-)
-from rl.experiments.three_state_comparison_results import FILES as COMPARISON
-from rl.experiments.three_state_reproduction import FILES, remarks, reproduce_three_state
+from rl.experiments.records import Records
+from rl.experiments.records import train as train_all
+from rl.experiments.runner import files_of, remarks, reproduce
+from rl.experiments.share import train_share
+from rl.experiments.three_state import METHODS, ThreeStateExperiment
 
-SMALL = ThreeStateSettings(runs=5, episodes=3000)
-TINY = ThreeStateSettings(runs=2, episodes=25, steps=20, record_every=10)
+SMALL = ThreeStateExperiment(runs=5, episodes=3000)
+TINY = ThreeStateExperiment(runs=2, episodes=25, steps=20, record_every=10)
 COLUMNS = ["method", "run", "episode"] + [f"{kind}_{i}" for kind in ("estimated", "exact") for i in (1, 2, 3, 4)]
 # Pr(a₁|s₁) of CONB is about a half under the transitions taken (docs/reproduction.md §2).
 CONTRADICTED = {"all-choose-a1-in-s1"}
@@ -32,7 +26,7 @@ CONTRADICTED = {"all-choose-a1-in-s1"}
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     directory = tmp_path_factory.mktemp("small")
-    return reproduce_three_state(SMALL, directory), directory
+    return reproduce(SMALL, directory), directory
 
 
 def rows(directory: Path) -> list[dict[str, str]]:
@@ -41,7 +35,7 @@ def rows(directory: Path) -> list[dict[str, str]]:
 
 
 def trained(settings, directory: Path, **options) -> bytes:
-    train_three_state(settings, directory / "learning.csv", **options)
+    train_all(settings, directory, **options)
     return (directory / "learning.csv").read_bytes()
 
 
@@ -52,7 +46,9 @@ def test_the_papers_claims_hold_at_a_small_size(small):
 
 def test_every_file_is_written_and_nothing_else(small):
     _, directory = small
-    assert {path.name for path in directory.iterdir()} == set(FILES) - {"subproblems.npz", *COMPARISON}
+    assert {path.name for path in directory.iterdir()} == {
+        name for name in files_of(ThreeStateExperiment) if not name.startswith(("subproblems", "comparison"))
+    }
 
 
 def test_learning_csv_is_tidy_sorted_and_complete(small):
@@ -84,18 +80,19 @@ def test_exact_averages_are_those_of_the_policies_and_obey_the_rewards_sum(small
 
 
 def test_the_last_row_is_after_the_last_update_and_the_first_before_any(tmp_path):
-    heard: list[Snapshot | Tick] = []
-    train_three_state(TINY, tmp_path / "learning.csv", listen=heard.append)
-    snapshots = [report for report in heard if isinstance(report, Snapshot)]
-    assert [snapshot.episode for snapshot in snapshots] == [0, 10, 20, 25] * 3
+    results = train_all(TINY, tmp_path)
+    assert [learned.episodes.tolist() for learned in results.curves.values()] == [[0, 10, 20, 25]] * 3
     *_, last = train(
         ThreeStateMDP(), SoftmaxTable(3, 3), TINY.estimator(), TINY.learner("conb"),
         episodes=25, runs=2, seed=TINY.seed, initial=uniform_parameters(9),
     )  # fmt: skip
-    conb = [snapshot for snapshot in snapshots if snapshot.label == "conb"]
-    np.testing.assert_array_equal(conb[-1].parameters, last.parameters)
-    assert ((conb[0].parameters >= 0) & (conb[0].parameters <= 1)).all()
-    assert not conb[0].estimated.any()
+    conb, table = results.curves["conb"], SoftmaxTable(3, 3)
+    np.testing.assert_array_equal(results.outcomes["conb"].parameters, last.parameters)
+    np.testing.assert_array_equal(conb.policies[:, -1], table.probabilities(last.parameters))
+    np.testing.assert_array_equal(conb.estimated[:, -1], last.estimate.values)
+    spread = np.exp(1.0)  # θ₀ in [0, 1]: no action is e times as likely as another
+    assert (conb.policies[:, 0].max(axis=-1) <= spread * conb.policies[:, 0].min(axis=-1)).all()
+    assert not conb.estimated[:, 0].any()
     assert [int(row["episode"]) for row in rows(tmp_path)[:4]] == [0, 10, 20, 25]
 
 
@@ -109,12 +106,12 @@ def test_methods_start_from_the_same_parameters(small):
 def test_the_same_seed_gives_the_same_bytes_for_any_number_of_processes(tmp_path):
     once = trained(TINY, tmp_path)
     assert trained(TINY, tmp_path, processes=2) == once
-    assert trained(ThreeStateSettings(runs=2, episodes=25, steps=20, record_every=10, seed=1), tmp_path) != once
+    assert trained(ThreeStateExperiment(runs=2, episodes=25, steps=20, record_every=10, seed=1), tmp_path) != once
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it(tmp_path):
     def rows_of_run_1(runs: int) -> list[bytes]:
-        settings = ThreeStateSettings(runs=runs, episodes=25, steps=20, record_every=10)
+        settings = ThreeStateExperiment(runs=runs, episodes=25, steps=20, record_every=10)
         return [line for line in trained(settings, tmp_path).splitlines() if line.split(b",")[1] == b"1"]
 
     assert rows_of_run_1(2) == rows_of_run_1(4)
@@ -166,8 +163,8 @@ def test_figures_are_a_printed_page_wide_as_png_and_svg(small, name):
 
 
 def test_a_solver_that_does_not_take_the_formulation_is_told_plainly(tmp_path):
-    settings = ThreeStateSettings(runs=2, episodes=20, steps=20, solver="rosen", formulation="cone")
-    done = reproduce_three_state(settings, tmp_path)
+    settings = ThreeStateExperiment(runs=2, episodes=20, steps=20, solver="rosen", formulation="cone")
+    done = reproduce(settings, tmp_path)
     assert done.results.outcomes["cpgrl"].counts["fallback"] > 0
     told = " ".join(remarks(done))
     assert "rosen does not take the formulation cone: active-set solved" in told
@@ -175,13 +172,14 @@ def test_a_solver_that_does_not_take_the_formulation_is_told_plainly(tmp_path):
 
 
 def last_averages_of_cpgrl(settings, directory: Path) -> np.ndarray:
-    with Recorder(ThreeStateMDP(), directory / "learning.csv") as recorder:
-        train_method((settings, "cpgrl"), lambda heard: isinstance(heard, Snapshot) and recorder.append(heard))
-    return recorder.kept["cpgrl"][-1][1]
+    case, *_ = settings.cases()
+    with Records(settings, directory) as records:
+        train_share((settings, case, tuple(range(settings.runs))), records.hear)
+    return records.curves("cpgrl").exact[:, -1]
 
 
 def test_another_solver_and_formulation_climb_to_the_same_place(tmp_path):
-    settings = ThreeStateSettings(runs=1, episodes=500, solver="osqp", formulation="restoring")
+    settings = ThreeStateExperiment(runs=1, episodes=500, solver="osqp", formulation="restoring")
     final = last_averages_of_cpgrl(settings, tmp_path)
     assert (final[:, 0] > 0.45).all()  # from 0.35 at the start; 24 seeds are at 0.56 ± 0.07 a hundred episodes before
     assert (final[:, 1:] > -0.02).all()
@@ -189,7 +187,7 @@ def test_another_solver_and_formulation_climb_to_the_same_place(tmp_path):
 
 @pytest.mark.slow
 def test_the_papers_claims_hold_at_full_size(tmp_path):
-    done = reproduce_three_state(ThreeStateSettings(), tmp_path, processes=2)
+    done = reproduce(ThreeStateExperiment(), tmp_path, processes=2)
     assert {claim.id for claim in done.claims if not claim.holds} == CONTRADICTED
     final = done.results.curves["cpgrl"].exact[:, -1]
     assert final[:, 0].mean() > 0.98
@@ -202,7 +200,7 @@ def test_the_papers_claims_hold_at_full_size(tmp_path):
     [("active-set", "cone", 5000), ("active-set", "restoring", 5000), ("osqp", "restoring", 3000)],
 )
 def test_every_formulation_reaches_the_optimum(tmp_path, solver, formulation, episodes):
-    settings = ThreeStateSettings(runs=3, episodes=episodes, solver=solver, formulation=formulation)
+    settings = ThreeStateExperiment(runs=3, episodes=episodes, solver=solver, formulation=formulation)
     final = last_averages_of_cpgrl(settings, tmp_path)
     assert final[:, 0].mean() > 0.95
     assert (final[:, 1:] > -0.02).all()

@@ -10,7 +10,6 @@ import threading
 import pytest
 
 from cpgrl_opt.comparison.process_group import ProcessGroup
-from rl.experiments.three_state import Tick
 from rl.experiments.workers import WorkerDiedError, run_tasks
 
 TASK = """
@@ -143,7 +142,3 @@ def test_preparation_runs_once_beside_the_workers():
     done = threading.Event()
     run_tasks(operator.is_, [1, 2, 3], print, processes=2, meanwhile=done.set)
     assert done.wait(10)
-
-
-def test_a_tick_tells_method_and_episode():
-    assert Tick("cpgrl", 3) == Tick(label="cpgrl", episode=3)

@@ -10,7 +10,7 @@ from cpgrl_opt.arrays import Float, Vector
 from envs import TwoLinkArm, TwoLinkArmEnv
 
 from ..policies import NormalizedGaussianNetwork
-from .two_link_arm_curves import TouchCurves
+from .touch_curves import TouchCurves
 
 _BESIDE = 0.16  # m: how far from the aversive object's centre a path begins; it is touched within 0.06 m
 _DIRECTIONS = 8  # around it

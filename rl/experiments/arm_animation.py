@@ -9,10 +9,9 @@ import numpy as np
 from cpgrl_opt.arrays import UInt8
 from envs import TwoLinkArm
 
+from .arm_drawing import draw_objects, draw_reach, frame, joints
+from .arm_paths import ArmPath
 from .figure_style import BLACK, blank_figure, panel_letter
-from .two_link_arm import CONDITIONS
-from .two_link_arm_drawing import draw_objects, draw_reach, frame, joints
-from .two_link_arm_paths import ArmPath
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,11 +24,13 @@ _COLOURS = 256
 Frame = UInt8[np.ndarray, "height width 3"]
 
 
-def write_animation(arm: TwoLinkArm, paths: Mapping[str, Sequence[ArmPath]], path: Path) -> None:
+def write_animation(
+    arm: TwoLinkArm, paths: Mapping[str, Sequence[ArmPath]], titles: Mapping[str, str], path: Path
+) -> None:
     """Episode after episode of each condition's, side by side; one step is shown for `arm.dt`, as it would last."""
     from PIL import Image
 
-    stage = _Stage(arm, list(paths))
+    stage = _Stage(arm, titles)
     images: list[Image.Image] = []
     durations: list[int] = []
     for episode in zip(*paths.values(), strict=True):
@@ -45,18 +46,18 @@ def write_animation(arm: TwoLinkArm, paths: Mapping[str, Sequence[ArmPath]], pat
 class _Stage:
     """Everything that stands still, drawn once; `play` draws what moves over it."""
 
-    def __init__(self, arm: TwoLinkArm, conditions: Sequence[str]) -> None:
+    def __init__(self, arm: TwoLinkArm, titles: Mapping[str, str]) -> None:
         self.arm = arm
-        figure = blank_figure(_WIDTH * len(conditions), _HEIGHT)
+        figure = blank_figure(_WIDTH * len(titles), _HEIGHT)
         figure.set_dpi(_DPI)
-        panels = figure.subplots(1, len(conditions), squeeze=False)[0]
+        panels = figure.subplots(1, len(titles), squeeze=False)[0]
         figure.subplots_adjust(left=0.01, right=0.99, top=0.88, bottom=0.01, wspace=0.02)
-        for axes, name in zip(panels, conditions, strict=True):
+        for axes, (name, title) in zip(panels, titles.items(), strict=True):
             draw_reach(axes, arm)
             draw_objects(axes, arm, scale=0.85)
             frame(axes, arm)
             axes.set_axis_off()
-            panel_letter(axes, name.replace("-", r"\text{-}"), CONDITIONS[name].title)
+            panel_letter(axes, name.replace("-", r"\text{-}"), title)
         self.canvas = cast(Any, figure.canvas)
         self.canvas.draw()
         self.still = self.canvas.copy_from_bbox(figure.bbox)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from envs import TwoLinkArm
-from rl.experiments.two_link_arm_bound import greatest_average_r3
-from rl.experiments.two_link_arm_curves import TouchCurves
+from rl.experiments.arm_bound import greatest_average_r3
+from rl.experiments.touch_curves import TouchCurves
 
 ARM = TwoLinkArm()
 

@@ -7,12 +7,10 @@ import pytest
 from PIL import Image
 
 from envs import TwoLinkArm
-from rl.experiments.figure_style import paper_style
-from rl.experiments.two_link_arm import arm_policy, learned_policy
-from rl.experiments.two_link_arm_animation import write_animation
-from rl.experiments.two_link_arm_curves import TouchCurves
-from rl.experiments.two_link_arm_figures import touches_figure, workspace_figure
-from rl.experiments.two_link_arm_paths import (
+from rl.experiments.arm import CONDITIONS, arm_policy, learned_policy
+from rl.experiments.arm_animation import write_animation
+from rl.experiments.arm_figures import touches_figure, workspace_figure
+from rl.experiments.arm_paths import (
     ArmPath,
     arm_path,
     starts_beside_aversive,
@@ -20,6 +18,8 @@ from rl.experiments.two_link_arm_paths import (
     typical_path,
     typical_run,
 )
+from rl.experiments.figure_style import paper_style
+from rl.experiments.touch_curves import TouchCurves
 
 ARM = TwoLinkArm()
 STARTS = starts_beside_aversive(ARM)
@@ -45,6 +45,7 @@ def curves(runs=4, blocks=8, seed=0):
 
 
 CURVES = {"a": curves(), "b": curves(seed=1), "c": curves(seed=2)}
+TITLES = {name: CONDITIONS[name].title for name in "abc"}
 PATHS = {name: ArmPath(np.linspace(STARTS[k], STARTS[k + 1], 9), "star") for k, name in enumerate("abc")}
 
 
@@ -77,7 +78,7 @@ def test_a_path_without_a_touch_takes_all_the_time():
 def test_the_typical_path_has_median_length_among_those_that_end_as_most_do(monkeypatch):
     lengths = iter([40, 3, 9, 41, 4, 8, 42, 5, 7, 43, 6, 44, 10, 45, 11])
     made = (ArmPath(np.zeros((length, 2)), "square" if length < 40 else "star") for length in lengths)
-    monkeypatch.setattr("rl.experiments.two_link_arm_paths.arm_path", lambda *_: next(made))
+    monkeypatch.setattr("rl.experiments.arm_paths.arm_path", lambda *_: next(made))
     path = typical_path(ARM, arm_policy(ARM), STARTS[0], np.random.default_rng(0))
     assert (path.touched, len(path.angles)) == ("square", 7)
 
@@ -96,7 +97,7 @@ def test_the_typical_run_is_the_one_nearest_to_the_mean():
 
 
 def test_fig7_shows_means_bands_and_paths():
-    figure = touches_figure(CURVES, PATHS, ["a", "b", "c"])
+    figure = touches_figure(CURVES, PATHS, TITLES)
     above, below = figure.axes[:3], figure.axes[3:6]
     for axes, lower, (name, learned) in zip(above, below, CURVES.items(), strict=True):
         rates = learned.per_hundred()
@@ -115,7 +116,7 @@ def test_fig7_shows_means_bands_and_paths():
 
 @pytest.mark.parametrize("conditions", [["c"], ["a", "c"]])
 def test_fig7_has_a_column_for_each_condition_that_was_trained(conditions):
-    figure = touches_figure(CURVES, PATHS, conditions)
+    figure = touches_figure(CURVES, PATHS, {name: TITLES[name] for name in conditions})
     assert len([axes for axes in figure.axes if axes.get_xlabel() == "episode"]) == len(conditions)
     assert len(figure.axes) == 2 * len(conditions)
 
@@ -142,7 +143,7 @@ def test_the_animation_plays_every_episode_in_real_time_and_repeats(tmp_path):
     short, long = ArmPath(np.linspace(*STARTS[:2], 5), "none"), ArmPath(np.linspace(*STARTS[2:4], 300), "square")
     path = tmp_path / "fig7.gif"
     with paper_style():
-        write_animation(ARM, {"a": [short, short], "c": [short, long]}, path)
+        write_animation(ARM, {"a": [short, short], "c": [short, long]}, TITLES, path)
     with Image.open(path) as movie:
         assert movie.info["loop"] == 0
         pictures, durations = [], []

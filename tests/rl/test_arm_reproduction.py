@@ -12,15 +12,18 @@ import pytest
 from cpgrl_opt import ConstrainedStep
 from envs import TwoLinkArm
 from rl import CPGRL, GPOMDP, DivergenceError, KondaActorCritic, NormalizedGaussianNetwork, train
-from rl.experiments.two_link_arm import CONDITIONS, ArmSettings, Case
-from rl.experiments.two_link_arm_records import Recorder, train_two_link_arm
-from rl.experiments.two_link_arm_reproduction import FILES, draw, remarks, reproduce_two_link_arm
-from rl.experiments.two_link_arm_training import Block, Tick, train_share
+from rl.experiments.arm import CONDITIONS, ArmExperiment
+from rl.experiments.messages import Block, Tick
+from rl.experiments.records import Records
+from rl.experiments.records import train as train_all
+from rl.experiments.runner import draw, files_of, remarks, reproduce
+from rl.experiments.share import train_share
 
 COLUMNS = ["condition", "run", "episode", "circle", "star", "square", "triangle", "none", "violation", "length"]
 OBJECTS = COLUMNS[3:8]
-SMALL = ArmSettings(runs=4, episodes=450)
-TINY = ArmSettings(runs=3, episodes=25, record_every=10, conditions=["c-no-projection", "b"])
+SMALL = ArmExperiment(runs=4, episodes=450)
+TINY = ArmExperiment(runs=3, episodes=25, record_every=10, conditions=["c-no-projection", "b"])
+FILES = files_of(ArmExperiment)
 OPTIONAL = ("compare.csv", "compare.md", "subproblems.npz")
 
 
@@ -28,8 +31,8 @@ OPTIONAL = ("compare.csv", "compare.md", "subproblems.npz")
 def small(tmp_path_factory):
     directory = tmp_path_factory.mktemp("small")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rl.experiments.two_link_arm_animation._FRAMES", 6)  # of an episode: half of the time is drawing
-        return reproduce_two_link_arm(SMALL, directory, processes=2), directory
+        patch.setattr("rl.experiments.arm_animation._FRAMES", 6)  # of an episode: half of the time is drawing
+        return reproduce(SMALL, directory, processes=2), directory
 
 
 def rows(directory: Path, name: str = "learning.csv") -> list[dict[str, str]]:
@@ -38,7 +41,7 @@ def rows(directory: Path, name: str = "learning.csv") -> list[dict[str, str]]:
 
 
 def trained(settings, directory: Path, **options) -> bytes:
-    train_two_link_arm(settings, directory, **options)
+    train_all(settings, directory, **options)
     return (directory / "learning.csv").read_bytes()
 
 
@@ -134,7 +137,7 @@ def test_figures_are_a_printed_page_wide_as_png_and_svg(small, name):
 
 def test_blocks_count_the_episodes_of_training(tmp_path):
     """Condition b against `train` itself, with everything set by hand."""
-    trained(ArmSettings(runs=3, episodes=25, record_every=10, conditions=["b"]), tmp_path)
+    trained(ArmExperiment(runs=3, episodes=25, record_every=10, conditions=["b"]), tmp_path)
     arm = TwoLinkArm()
     step = ConstrainedStep(solver="rosen", ridge=1e-4, max_restoration=0.1, drop="never")
     policy = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
@@ -152,9 +155,9 @@ def test_blocks_count_the_episodes_of_training(tmp_path):
 
 
 def test_the_same_seed_gives_the_same_results_for_any_number_of_processes(tmp_path):
-    results = train_two_link_arm(TINY, tmp_path)
+    results = train_all(TINY, tmp_path)
     once = (tmp_path / "learning.csv").read_bytes()
-    split = train_two_link_arm(TINY, tmp_path, processes=2)  # which splits the runs too
+    split = train_all(TINY, tmp_path, processes=2)  # which splits the runs too
     assert (tmp_path / "learning.csv").read_bytes() == once
     for label, outcome in results.outcomes.items():
         again = split.outcomes[label]
@@ -163,13 +166,13 @@ def test_the_same_seed_gives_the_same_results_for_any_number_of_processes(tmp_pa
         np.testing.assert_array_equal(again.counts["capped"], outcome.counts["capped"])
         np.testing.assert_array_equal(split.curves[label].touches, results.curves[label].touches)
         np.testing.assert_array_equal(split.curves[label].length, results.curves[label].length)
-    other = ArmSettings(runs=3, episodes=25, record_every=10, conditions=TINY.conditions, seed=1)
+    other = ArmExperiment(runs=3, episodes=25, record_every=10, conditions=TINY.conditions, seed=1)
     assert trained(other, tmp_path) != once
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it(tmp_path):
     def rows_of_run_1(runs: int) -> list[bytes]:
-        settings = ArmSettings(runs=runs, episodes=25, record_every=10, conditions=["c", "b"])
+        settings = ArmExperiment(runs=runs, episodes=25, record_every=10, conditions=["c", "b"])
         return [line for line in trained(settings, tmp_path).splitlines() if line.split(b",")[1] == b"1"]
 
     assert rows_of_run_1(2) == rows_of_run_1(5)
@@ -177,11 +180,12 @@ def test_a_run_does_not_depend_on_the_runs_beside_it(tmp_path):
 
 def test_progress_calls_recorded_only_what_the_file_holds_of_every_run(tmp_path):
     def block(runs, episode):
-        return Block("b", runs, episode, 10, np.full((len(runs), 5), 2), np.zeros(len(runs)), np.ones(len(runs)))
+        touches, rate = np.full((len(runs), 5), 2), np.ones(len(runs))
+        return Block("b", runs, episode, {"touches": touches, "violation": rate, "length": rate})
 
-    with Recorder(ArmSettings(runs=3, record_every=10), tmp_path) as recorder:
+    with Records(ArmExperiment(runs=3, record_every=10), tmp_path) as records:
         heard = [
-            recorder.hear(message)
+            records.hear(message)
             for message in (
                 Tick("b", (2,), 4),
                 block((0, 1), 10),
@@ -196,8 +200,9 @@ def test_progress_calls_recorded_only_what_the_file_holds_of_every_run(tmp_path)
 
 
 def test_without_constraints_training_is_that_of_constraints_never_active():
-    settings = ArmSettings(runs=2, episodes=30)
-    outcome = train_share((settings, Case("a", "a", "rosen", "equality"), (0, 1)), lambda _: None)
+    settings = ArmExperiment(runs=2, episodes=30)
+    unconstrained, *_ = settings.cases()
+    outcome = train_share((settings, unconstrained, (0, 1)), lambda _: None)
     arm = TwoLinkArm()
     learner = CPGRL(ConstrainedStep(), [-2, -2])
     network = NormalizedGaussianNetwork(*arm.stops, (5, 8), 2)
@@ -208,7 +213,7 @@ def test_without_constraints_training_is_that_of_constraints_never_active():
 
 
 def test_the_printed_update_diverges_without_the_safeguards_and_says_so(tmp_path):
-    settings = ArmSettings(runs=2, episodes=300, ridge=0.0, max_restoration=np.inf, conditions=["c"])
+    settings = ArmExperiment(runs=2, episodes=300, ridge=0.0, max_restoration=np.inf, conditions=["c"])
     with pytest.raises(DivergenceError, match=r"should (move by at most|be finite).*ridge or max_restoration"):
         trained(settings, tmp_path)
     assert (tmp_path / "learning.csv").read_text(encoding="utf-8").startswith("condition,run,episode")
@@ -217,23 +222,23 @@ def test_the_printed_update_diverges_without_the_safeguards_and_says_so(tmp_path
 def test_estimator_and_average_are_those_of_settings_and_condition():
     printed: dict[str, Any] = {"gradient": "episode mean", "bias_correction": False}
     kinds = ("step", "step", "episode")
-    assert ArmSettings().gradient_estimator("c") == KondaActorCritic(average=("step",) * 3, **printed)
-    assert ArmSettings().gradient_estimator("c-episode") == KondaActorCritic(average=kinds, **printed)
-    gpomdp = ArmSettings(estimator="gpomdp").gradient_estimator("c-episode")
+    assert ArmExperiment().gradient_estimator("c") == KondaActorCritic(average=("step",) * 3, **printed)
+    assert ArmExperiment().gradient_estimator("c-episode") == KondaActorCritic(average=kinds, **printed)
+    gpomdp = ArmExperiment(estimator="gpomdp").gradient_estimator("c-episode")
     assert gpomdp == GPOMDP(steps=1000, average=kinds, **printed)
 
 
 @pytest.mark.parametrize(("solver", "formulation"), [("osqp", "restoring"), ("nnls", "cone"), ("rosen", "cone")])
 def test_every_condition_trains_with_another_solver_formulation_and_estimator(tmp_path, solver, formulation):
-    settings = ArmSettings(runs=1, episodes=4, solver=solver, formulation=formulation, estimator="gpomdp")
-    results = train_two_link_arm(settings, tmp_path)
+    settings = ArmExperiment(runs=1, episodes=4, solver=solver, formulation=formulation, estimator="gpomdp")
+    results = train_all(settings, tmp_path)
     assert list(results.outcomes) == list(CONDITIONS)
     handed_over = sum(outcome.counts.get("fallback", np.zeros(1)).sum() for outcome in results.outcomes.values())
     assert (handed_over > 0) == (solver == "rosen")  # which takes equalities alone
 
 
 def test_conditions_are_put_into_their_order_once():
-    assert ArmSettings(conditions=["c", "a", "c"]).conditions == ("a", "c")
+    assert ArmExperiment(conditions=["c", "a", "c"]).conditions == ("a", "c")
 
 
 @pytest.mark.parametrize(
@@ -251,28 +256,28 @@ def test_conditions_are_put_into_their_order_once():
 )
 def test_wrong_settings_are_told_the_right_ones(wrong, message):
     with pytest.raises(ValueError, match=message):
-        ArmSettings(**wrong)
+        ArmExperiment(**wrong)
 
 
 def test_a_directory_of_an_earlier_run_keeps_only_what_is_not_ours(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.two_link_arm_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
     for name in (*FILES, "notes.txt"):
         (tmp_path / name).write_text("old", encoding="utf-8")
-    reproduce_two_link_arm(ArmSettings(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
+    reproduce(ArmExperiment(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {"learning.csv", "claims.json", "summary.json", "notes.txt"}
 
 
 def test_figures_of_ours_stand_alone_where_nothing_of_the_papers_was_trained(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.two_link_arm_animation._FRAMES", 6)
-    results = train_two_link_arm(ArmSettings(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
+    monkeypatch.setattr("rl.experiments.arm_animation._FRAMES", 6)
+    results = train_all(ArmExperiment(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
     draw(results, tmp_path)
     assert {path.name for path in tmp_path.glob("fig7*")} == {"fig7.png", "fig7.svg", "fig7.gif"}
 
 
 @pytest.mark.slow
 def test_claims_hold_at_full_size(tmp_path):
-    done = reproduce_two_link_arm(ArmSettings(), tmp_path, processes=2)
+    done = reproduce(ArmExperiment(), tmp_path, processes=2)
     assert [claim.id for claim in done.claims if not claim.holds] == []
     late = {name: learned.late().rates().mean(axis=0) for name, learned in done.results.curves.items()}
     np.testing.assert_allclose(late["b"], (5, 3, 4, 88, 0), atol=10)  # docs/reproduction.md §3, 10 seeds

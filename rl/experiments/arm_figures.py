@@ -1,6 +1,6 @@
 """Figures 6 and 7 of the paper: workspace and r¹; touches against episodes, with a learned path below each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,12 +8,11 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
+from .arm_drawing import LOOKS, draw_arm, draw_objects, draw_reach, frame, outline
+from .arm_paths import ArmPath
 from .figure_style import BLACK, PAGE_WIDTH, blank_figure, caption, panel_letter
 from .learning_curves import spread
-from .two_link_arm import CONDITIONS
-from .two_link_arm_curves import TouchCurves
-from .two_link_arm_drawing import LOOKS, draw_arm, draw_objects, draw_reach, frame, outline
-from .two_link_arm_paths import ArmPath
+from .touch_curves import TouchCurves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,25 +48,28 @@ def workspace_figure(arm: TwoLinkArm) -> "Figure":
 
 
 def touches_figure(
-    curves: Mapping[str, TouchCurves], paths: Mapping[str, ArmPath], conditions: Sequence[str]
+    curves: Mapping[str, TouchCurves], paths: Mapping[str, ArmPath], titles: Mapping[str, str]
 ) -> "Figure":
-    """Fig. 7: for each condition touches per 100 episodes, mean ± standard deviation; below it a learned path."""
-    count = len(conditions)
+    """Fig. 7: for each condition touches per 100 episodes, mean ± standard deviation; below it a learned path.
+
+    titles: of the conditions, by name, in the order of their columns.
+    """
+    count = len(titles)
     figure = blank_figure(PAGE_WIDTH, 4.3 if count > 1 else 2.9)
     # A single condition has its path beside it.
     panels = figure.subplots(2, count, squeeze=False) if count > 1 else figure.subplots(1, 2, squeeze=False).T
     figure.subplots_adjust(left=0.075, right=0.975, top=0.89 if count > 1 else 0.84, wspace=0.13, hspace=0.24)
     figure.subplots_adjust(bottom=0.11 if count > 1 else 0.29)
-    for column, name in enumerate(conditions):
+    for column, (name, title) in enumerate(titles.items()):
         above, below = panels[:, column]
         _touches(above, curves[name])
-        panel_letter(above, name.replace("-", r"\text{-}"), CONDITIONS[name].title)
+        panel_letter(above, name.replace("-", r"\text{-}"), title)
         above.tick_params(labelleft=column == 0)
         _path(below, curves[name].arm, paths[name])
     panels[0, 0].set_ylabel("touches per 100 episodes")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=len(labels), columnspacing=1.3, handlelength=1.4)
-    runs, learned = len(curves[conditions[0]].touches), "Below" if count > 1 else "Right"
+    runs, learned = len(curves[next(iter(titles))].touches), "Below" if count > 1 else "Right"
     caption(
         figure,
         f"Touches of the objects: mean (line) and standard deviation (band) of {runs} runs. {learned}: an episode of a "

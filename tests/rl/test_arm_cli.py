@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from cpgrl_opt import FORMULATIONS, SOLVERS
 from rl.cli import app
+from rl.experiments.arm import CONDITIONS, ESTIMATORS
 from rl.experiments.checkpoints import FOLDER
-from rl.experiments.two_link_arm import CONDITIONS, ESTIMATORS
 
 TINY = ["--runs", "1", "--episodes", "6", "--block", "3", "--jobs", "1"]
 
@@ -23,7 +23,7 @@ def cpgrl_arm(*arguments):
 def finished(tmp_path_factory):
     out = tmp_path_factory.mktemp("cli") / "new" / "results"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rl.experiments.two_link_arm_reproduction.draw", lambda *_: None)
+        patch.setattr("rl.experiments.runner.draw", lambda *_: None)
         return cpgrl_arm(*TINY, "--conditions", "c, a", "--compare", "--record", 8, "--out", out), out
 
 
@@ -32,7 +32,7 @@ def test_a_small_reproduction_prints_claims_comparison_speed_and_where_it_wrote(
     assert result.exit_code == 0, result.output
     for text in (
         "claims hold",
-        "Formulations compared",
+        "The arm under each formulation",
         "M steps/s",
         "our additions",
         "subproblems.npz holds",
@@ -48,7 +48,7 @@ def test_a_small_reproduction_prints_claims_comparison_speed_and_where_it_wrote(
 
 
 def test_strict_exits_with_1_when_a_claim_fails(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.two_link_arm_reproduction.draw", lambda *_: None)
+    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
     assert cpgrl_arm(*TINY, "--conditions", "c", "--out", tmp_path, "--strict").exit_code == 1
     assert (tmp_path / "claims.json").exists()
 

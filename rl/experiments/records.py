@@ -1,0 +1,140 @@
+"""Training every case of an experiment, over processes, with each record on disk as it comes."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpgrl_opt.solvers import solver_named
+
+from ..parallel import split
+from .checkpoints import Checkpoints
+from .experiment import Experiment, Results
+from .messages import Block, Message, Outcome, joined
+from .share import Share, train_share
+from .solver_cases import require_installed
+from .tidy_csv import TidyCsv
+from .workers import run_tasks
+
+
+@dataclass(frozen=True)
+class Advance:
+    """How far a training is, the run that is least far; recorded: whether `learning.csv` holds it to there."""
+
+    label: str
+    episode: int
+    recorded: bool
+
+
+Listener = Callable[[Advance], None]
+
+
+def train(
+    experiment: Experiment,
+    directory: Path,
+    *,
+    processes: int = 1,
+    listen: Listener | None = None,
+    meanwhile: Callable[[], object] | None = None,
+    checkpoints: Checkpoints | None = None,
+) -> Results:
+    """Every case; `learning.csv`, and the CSV of each comparison, hold what was done whatever ends it.
+
+    processes: over which cases and their runs are shared out; the numbers do not depend on it. listen: sees how far
+    it is. meanwhile: see `run_tasks`. checkpoints: where each share goes on from, and keeps how far it is. Raises
+    MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError.
+    """
+    cases = experiment.cases()
+    for solver in {case.solver for case in cases if case.solver}:
+        require_installed(solver_named(solver))
+    parts = parts_for(experiment, processes)
+    shares = shared_out(experiment, parts if checkpoints is None else checkpoints.parts(parts))
+    with Records(experiment, directory) as records:
+
+        def heard(message: Message) -> None:
+            advance = records.hear(message)
+            if listen is not None:
+                listen(advance)
+
+        task = partial(train_share, checkpoints=checkpoints)
+        outcomes = run_tasks(task, shares, heard, processes=processes, meanwhile=meanwhile)
+    return Results(
+        experiment,
+        {case.label: records.curves(case.label) for case in cases},
+        {case.label: joined([part for part in outcomes if part.label == case.label]) for case in cases},
+    )
+
+
+def parts_for(experiment: Experiment, processes: int) -> int:
+    """Into how many shares a case is split: only if there are fewer than two cases for each process.
+
+    Runs beside each other share what an update costs besides them.
+    """
+    return min(processes, -(-2 * processes // len(experiment.cases()))) if experiment.splits else 1
+
+
+def shared_out(experiment: Experiment, parts: int) -> list[Share]:
+    """Cases and runs, the longest first, so that at the end no process waits long for another."""
+    cases = sorted(experiment.cases(), key=lambda case: case.rank)
+    return [(experiment, case, tuple(runs)) for case in cases for runs in split(range(experiment.runs), parts)]
+
+
+class Records(ExitStack):
+    """Messages of workers into the CSV files and into what the experiment makes of the records; a context."""
+
+    def __init__(self, experiment: Experiment, directory: Path) -> None:
+        super().__init__()
+        self.experiment = experiment
+        self.cases = {case.label: case for case in experiment.cases()}
+        headings = [heading for own in experiment.recorded.values() for heading in own]
+        labels = [label for label, case in self.cases.items() if case.in_learning]
+        self.csv = TidyCsv(directory / "learning.csv", [experiment.key, "run", "episode", *headings], labels)
+        self.comparisons = [(comparison, comparison.csv(directory)) for comparison in experiment.comparisons()]
+        self.blocks: dict[str, list[Block]] = {label: [] for label in self.cases}
+        self.done = {label: np.zeros(experiment.runs, dtype=np.int64) for label in self.cases}
+
+    def hear(self, message: Message) -> Advance:
+        """Writes what it tells; says how far its training is."""
+        recorded = isinstance(message, Block) and self.cases[message.label].in_learning
+        if isinstance(message, Block):
+            self.blocks[message.label].append(message)
+            if recorded:
+                self.csv.append(_rows(message, list(self.experiment.recorded)))
+        elif isinstance(message, Outcome):
+            for comparison, csv in self.comparisons:
+                if message.label in comparison.keys:
+                    csv.append(comparison.rows(self.curves(message.label, message.runs), message))
+        done = self.done[message.label]
+        done[list(message.runs)] = message.episode
+        least = int(done.min())
+        # When a share catches up to the end of a block, the others have recorded theirs.
+        return Advance(message.label, least, recorded and least == message.episode)
+
+    def curves(self, label: str, runs: Sequence[int] | None = None) -> Any:
+        """What was recorded of a training, of all its runs or of a share."""
+        blocks = sorted(self.blocks[label], key=lambda block: (block.runs, block.episode))
+        shares = [list(share) for own, share in groupby(blocks, lambda block: block.runs) if runs in (None, own)]
+        values = {
+            name: np.concatenate([np.stack([block.values[name] for block in share], axis=1) for share in shares])
+            for name in shares[0][0].values
+        }
+        episodes = np.array([block.episode for block in shares[0]])
+        return self.experiment.curves(self.cases[label], episodes, values)
+
+    def __enter__(self) -> "Records":
+        super().__enter__()
+        for csv in (self.csv, *(csv for _, csv in self.comparisons)):
+            self.enter_context(csv)
+        return self
+
+
+def _rows(block: Block, names: Sequence[str]) -> list[list[Any]]:
+    """The columns of `names` for each run."""
+    columns = np.column_stack([block.values[name].reshape(len(block.runs), -1) for name in names])
+    rows = zip(block.runs, columns.tolist(), strict=True)
+    return [[block.label, run, block.episode, *values] for run, values in rows]
