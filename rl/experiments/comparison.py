@@ -92,7 +92,8 @@ class Comparison:
         else:
             columns = head
         for position, heading in enumerate(columns):
-            shown.add_column(heading, justify="left" if position < words else "right")
+            is_key = position < words
+            shown.add_column(heading, justify="left" if is_key else "right", no_wrap="\n" in heading)
         for row in rows:
             shown.add_row(*row)
         console = Console()

@@ -143,7 +143,7 @@ def test_the_animation_plays_every_episode_in_real_time_and_repeats(tmp_path):
     short, long = ArmPath(np.linspace(*STARTS[:2], 5), "none"), ArmPath(np.linspace(*STARTS[2:4], 300), "square")
     path = tmp_path / "fig7.gif"
     with paper_style():
-        write_animation(ARM, {"a": [short, short], "c": [short, long]}, TITLES, path)
+        write_animation(ARM, {"a": [short, short], "c": [short, long]}, {"a": "", "c": ""}, path)
     with Image.open(path) as movie:
         assert movie.info["loop"] == 0
         pictures, durations = [], []

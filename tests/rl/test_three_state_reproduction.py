@@ -165,7 +165,7 @@ def test_figures_are_a_printed_page_wide_as_png_and_svg(small, name):
 def test_a_solver_that_does_not_take_the_formulation_is_told_plainly(tmp_path):
     settings = ThreeStateExperiment(runs=2, episodes=20, steps=20, solver="rosen", formulation="cone")
     done = reproduce(settings, tmp_path)
-    assert done.results.outcomes["cpgrl"].counts["fallback"] > 0
+    assert done.results.outcomes["cpgrl"].counted()["fallback"] > 0
     told = " ".join(remarks(done))
     assert "rosen does not take the formulation cone: active-set solved" in told
     assert "subproblems handed to active-set" in told
