@@ -1,7 +1,7 @@
 """How many steps of the two-link arm does one core make per second, and where does the time go?
 
 Goal: 0.7 million environment steps per second of one core in training. Measured, at the settings of the experiment
-(`rl.experiments.two_link_arm`: Konda's actor-critic, 40 basis functions, 3 critics, 20 runs in lockstep):
+(`rl.experiments.arm`: Konda's actor-critic, 40 basis functions, 3 critics, 20 runs in lockstep):
 
 - estimation alone at θ = 0: the arm, the policy, the critics, but no update of θ;
 - training from θ = 0 under conditions of the paper, the projected step after each episode with it. A step costs the
@@ -32,7 +32,7 @@ from cpgrl_opt.solvers import compile_kernels
 from envs import TwoLinkArm
 from rl import train
 from rl.estimators import Estimate
-from rl.experiments.two_link_arm import ArmSettings, arm_policy
+from rl.experiments.arm import ArmExperiment, arm_policy
 from rl.streams import run_streams
 
 GOAL = 0.7  # million steps per second
@@ -57,7 +57,7 @@ def estimation(estimator: str, environment: Callable[[], Any]) -> Callable[[int,
     """Episodes at θ = 0; (runs, episodes) → estimates."""
 
     def run(runs: int, episodes: int) -> Iterator[Estimate]:
-        settings, policy = ArmSettings(estimator=estimator), arm_policy(ARM)
+        settings, policy = ArmExperiment(estimator=estimator), arm_policy(ARM)
         streams = [run_streams(0, index).episodes for index in range(runs)]
         under_way = settings.gradient_estimator("a").start(environment(), policy, streams)
         for _ in range(episodes):
@@ -70,7 +70,7 @@ def training(condition: str) -> Callable[[int, int], Iterator[Estimate]]:
     """`rl.train` under a condition of the experiment, from θ = 0."""
 
     def run(runs: int, episodes: int) -> Iterator[Estimate]:
-        settings = ArmSettings(conditions=(condition,))
+        settings = ArmExperiment(conditions=(condition,))
         (case,) = settings.cases()
         estimator, learner = settings.gradient_estimator(condition), settings.learner(case)
         for record in train(ARM, arm_policy(ARM), estimator, learner, episodes=episodes, runs=runs):

@@ -16,8 +16,7 @@ from cpgrl_opt.comparison.runner import open_checkpoint
 from cpgrl_opt.solvers import UnusablePackageError, is_installed, is_usable, obstacle
 from rl.cli import app
 from rl.experiments.solver_cases import require_installed
-from rl.experiments.three_state import ThreeStateSettings
-from rl.experiments.three_state_comparison import ComparisonSettings
+from rl.experiments.three_state import ThreeStateExperiment
 
 LIBGOMP = "libgomp.so.1: cannot open shared object file"
 Break = Callable[..., None]
@@ -96,7 +95,7 @@ def test_a_comparison_of_all_goes_on_with_the_others_and_says_so(
 
 def test_the_trainings_compared_are_those_of_the_solvers_that_can_be_used(break_package: Break) -> None:
     break_package("osqp")
-    compared = {case.solver for case in ComparisonSettings(training=ThreeStateSettings()).cases()}
+    compared = {case.solver for case in ThreeStateExperiment(compare=True).compared}
     assert "osqp" not in compared
     assert "active-set" in compared
 
