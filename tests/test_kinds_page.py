@@ -53,11 +53,11 @@ def test_what_a_solve_sends_is_as_written():
 
     problem = DirectionProblem(Sharded(G, J, gather=gather), bound=B)
     answer, m = solve(problem), len(J)
-    (formula,) = re.findall(r"twice (8 · \(2 \+ 3 \(1 \+ m\) \+ 2 \(1 \+ m\)²\)) bytes", PAGE)
+    (formula,) = re.findall(r"three times (8 · \(2 \+ 3 \(1 \+ m\) \+ 2 \(1 \+ m\)²\)) bytes", PAGE)
     each = eval(re.sub(r"(\d) \(", r"\1 * (", formula).replace("·", "*").replace("²", "**2"), {"m": m})
-    assert sent == [40, each, each]
+    assert sent == [40, each, each, each]
     kkt_residuals(problem, answer)
-    assert sent[3:] == [each]
+    assert sent[4:] == [each, each]
 
 
 Layer = namedtuple("Layer", ["weight", "bias"])

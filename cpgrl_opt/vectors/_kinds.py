@@ -8,7 +8,7 @@ import numpy as np
 from ._operations import OperationVectors, has_operations
 from ._tensors import TensorVectors
 from ._torch import is_apart
-from ._trees import TreeVectors, is_tree, mapped, walk
+from ._trees import TreeVectors, is_tree, leaves_of, mapped
 from .interface import Vectors
 
 
@@ -21,8 +21,8 @@ def kind_of(gradient: Any, jacobian: Any = None) -> Vectors | None:
         return vectors
     if not is_tree(gradient):
         return None
-    kind = TensorVectors if any(is_apart(leaf) for _, leaf in walk(gradient)) else TreeVectors
-    return kind(gradient, jacobian)
+    first, *_ = leaves_of(gradient, gradient) or [None]  # of one device are all, or it is an error
+    return (TensorVectors if is_apart(first) else TreeVectors)(gradient, jacobian)
 
 
 def _refuse_rows() -> NoReturn:

@@ -23,6 +23,7 @@ DTYPES = np.dtype(np.float64), np.dtype(np.float32)
 _LIKE = {dtype: np.empty(0, dtype) for dtype in (*DTYPES, BFLOAT16)}
 _NO_WEIGHTS, _NO_PLACES = np.empty(0), np.empty((0, 4), np.int64)
 Leaf = tuple[Any, Any]
+Group = tuple[Any, list[tuple[Any, ...]], np.ndarray]  # of `LeafVectors._groups`
 REPRESENTABLE = 1e76  # of d·d: up to here no entry of d leaves float32 or bfloat16, which end at 3e38
 
 
@@ -165,11 +166,11 @@ class LeafVectors(Vectors):
         return sums
 
     def _square(self) -> np.ndarray:
-        count = 1 + len(self.leaves[0][1])
+        count = 1 + self.shape[0]
         return np.zeros((count, count))
 
     @cached_property
-    def _groups(self) -> list[tuple[Any, list[tuple[Any, ...]], np.ndarray]]:
+    def _groups(self) -> list[Group]:
         """Of each dtype its leaves with their spans in one piece of d, and for the passes where they lie."""
         groups: dict[Any, tuple[Any, ...]] = {}
         for k, (g, J) in enumerate(self.leaves):
@@ -178,6 +179,17 @@ class LeafVectors(Vectors):
             spans.append((k, start, start + len(g)))
             where.append(_locate(g, J))
         return [(dtype, spans, np.array(where)) for dtype, spans, where in groups.values()]
+
+
+def addresses(arrays: list[np.ndarray]) -> np.ndarray:
+    """Where arrays of one dtype, C-contiguous, begin."""
+    blocks, count = _blocks(), len(arrays)
+    flat = [array if array.ndim == 1 else array.ravel() for array in arrays]
+    flat += flat[-1:] * (-count % blocks.MANY)
+    found, find = np.empty(count, np.int64), blocks.find_addresses[arrays[0].dtype].machine_code
+    for start in range(0, count, blocks.MANY):
+        find(tuple(flat[start : start + blocks.MANY]), found[start : start + blocks.MANY])
+    return found
 
 
 def _locate(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> np.ndarray:
@@ -216,7 +228,7 @@ class ArrayVectors(LeafVectors):
         return len(self.jacobian), len(self.gradient)
 
     @cached_property
-    def _groups(self) -> list[tuple[Any, list[tuple[Any, ...]], np.ndarray]]:
+    def _groups(self) -> list[Group]:
         """One, without a loop: at n = 10⁶ and one constraint Python's part is a twentieth of a direction's time."""
         g = self.gradient
         return [(g.dtype, [(0, 0, len(g))], _locate(g, self.jacobian)[None])]

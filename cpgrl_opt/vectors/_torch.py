@@ -5,6 +5,7 @@ Called only with tensors of the caller's, who has imported torch: to import this
 
 import sys
 from collections.abc import Iterator
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -51,11 +52,36 @@ def as_array(tensor: Any) -> np.ndarray:
     return array
 
 
+def are_side_by_side(tensors: list[Any]) -> bool:
+    """Whether they are tensors on the CPU of which NumPy would see all numbers side by side."""
+    Tensor = _torch().Tensor
+    return (
+        all(issubclass(kind, Tensor) for kind in {*map(type, tensors)})
+        and all(map(attrgetter("is_cpu"), tensors))
+        and all(map(Tensor.is_contiguous, tensors))
+        and not any(map(Tensor.is_neg, tensors))
+        and is_float(tensors[0])
+    )
+
+
+def addresses(tensors: list[Any]) -> list[int]:
+    """Where they begin."""
+    return [*map(_torch().Tensor.data_ptr, tensors)]
+
+
+def numpys(dtype: Any) -> Any:
+    """NumPy's name for a dtype that we read, of bfloat16 for its bits."""
+    torch = _torch()
+    return np.dtype({torch.float64: np.float64, torch.float32: np.float32}.get(dtype, np.uint16))
+
+
 def as_tensor(part: np.ndarray, like: Any) -> Any:
     """The other way, in the shape of `like`, and on its device."""
     torch = _torch()
-    tensor = torch.from_numpy(part if part.flags.writeable else part.copy())  # of what is read-only it would warn
-    return (tensor.view(torch.bfloat16) if part.dtype == np.uint16 else tensor).reshape(like.shape).to(like.device)
+    part = part if part.flags.writeable else part.copy()  # of what is read-only it would warn
+    tensor = torch.from_numpy(part if like.ndim == 1 else part.reshape(like.shape))  # by NumPy, which takes no time
+    tensor = tensor.view(torch.bfloat16) if part.dtype == np.uint16 else tensor
+    return tensor if like.is_cpu else tensor.to(like.device)
 
 
 def rounded(part: np.ndarray, like: Any) -> Any:

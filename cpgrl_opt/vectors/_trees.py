@@ -6,20 +6,21 @@ float64, float32 or bfloat16. All are read where they lie, and d comes back as g
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from operator import itemgetter
+from itertools import accumulate, pairwise
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
 
 from . import _jax, _torch
-from ._numpy import BFLOAT16, DTYPES, Leaf, LeafVectors
+from ._numpy import BFLOAT16, DTYPES, Group, Leaf, LeafVectors, addresses
 
-Path = tuple[Any, ...]  # keys from a tree's root to a leaf
 _LISTS, _NODES = (list, tuple), (list, tuple, dict)
 _WIDE = 8  # bytes of a float64, in either order
+_FORM = attrgetter("dtype", "shape")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,97 +37,127 @@ class TreeVectors(LeafVectors):
     @cached_property
     def leaves(self) -> tuple[Leaf, ...]:
         """g's part, flat, and J's as (m, k) or as rows apart; ValueError for what does not fit."""
-        own = self._own
-        parts = [self._floats("gradient", path, leaf).reshape(-1) for path, leaf in own]
-        if not parts:
+        own, *others = self._given
+        for k, leaf in enumerate(own):
+            if _is_array(leaf) and _library(leaf) != _library(own[0]):
+                self._refuse("gradient", k, f"be of {_library(own[0])} as gradient is", _library(leaf))
+        parts = self._flat("gradient", own, is_row=False)
+        if not self._is_stacked:
+            rows = [self._flat(f"jacobian[{i}]", row) for i, row in enumerate(others)]
+            return tuple(zip(parts, [*zip(*rows, strict=True)] or [()] * len(parts), strict=True))
+        stacked = self._flat("jacobian", others[0])
+        if len(counts := {len(part) for part in stacked}) > 1:
+            raise ValueError(f"jacobian should have one number of rows in all leaves; found {sorted(counts)}")
+        return tuple(zip(parts, stacked, strict=True))
+
+    @cached_property
+    def _given(self) -> list[list[Any]]:
+        """Leaves as they came, in the order of g's: of g; and of J where it is stacked, else of each row."""
+        own = leaves_of(self.gradient, self.gradient)
+        if not own:
             raise ValueError("gradient should have at least one component; found none")
-        for path, leaf in own[1:]:
-            _require_library("gradient", path, leaf, own[0][1])
         if self._is_stacked:
-            rows: list[Any] = [self._stacked(path, leaf) for path, leaf in own]
-            if len(counts := {len(part) for part in rows}) > 1:
-                raise ValueError(f"jacobian should have one number of rows in all leaves; found {sorted(counts)}")
-        elif not isinstance(self.jacobian, list | tuple):
+            return [own, leaves_of(self.jacobian, self.gradient) or []]
+        if not isinstance(self.jacobian, list | tuple):
             raise ValueError(
                 "jacobian should be a list of rows with the structure of gradient, or have it, with the constraints as "
                 f"first axis of every leaf; found {_described(self.jacobian)}"
             )
-        else:
-            listed = (self._flat(row, f"jacobian[{i}]", is_row=True) for i, row in enumerate(self.jacobian))
-            rows = list(zip(*listed, strict=True)) or [()] * len(parts)
-        return tuple(zip(parts, rows, strict=True))
-
-    @cached_property
-    def _own(self) -> list[tuple[Path, Any]]:
-        """Of g."""
-        return list(walk(self.gradient))
+        return [own, *(self._in_order(row, f"jacobian[{i}]") for i, row in enumerate(self.jacobian))]
 
     @cached_property
     def _is_stacked(self) -> bool:
         """Whether J is one tree whose leaves have the constraints as their first axis."""
-        return _is_alike(self.jacobian, self.gradient) and all(
-            np.ndim(_at(path, self.jacobian)) == np.ndim(leaf) + 1 for path, leaf in self._own
-        )
+        own, others = leaves_of(self.gradient, self.gradient), leaves_of(self.jacobian, self.gradient)
+        return others is not None and [*map(np.ndim, others)] == [1 + np.ndim(leaf) for leaf in own or ()]
 
-    def _flat(self, tree: Any, name: str, *, is_row: bool) -> list[Any]:
-        """Leaves of one axis, copied where their numbers lie in another order than NumPy's; ValueError for other forms.
-
-        A row has g's dtypes too.
-        """
-        _require_structure(name, tree, self.gradient)
-        found = []
-        for path, like in self._own:
-            leaf = _at(path, tree)
-            array = self._floats(name, path, leaf)
-            if array.shape != like.shape:
-                raise ValueError(
-                    f"{_named(name, path)} should have shape {tuple(like.shape)}; found {tuple(array.shape)}"
-                )
-            if is_row:
-                _require_dtype(name, path, leaf, like)
-            found.append(array.reshape(-1))
+    def _in_order(self, tree: Any, name: str) -> list[Any]:
+        """Its leaves; ValueError for another structure than g's."""
+        found = leaves_of(tree, self.gradient)
+        if found is None:
+            wanted, other = _structure(self.gradient), _structure(tree)
+            raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {other}")
         return found
 
-    def _stacked(self, path: Path, like: Any) -> Any:
-        """(m, k)."""
-        leaf, shape = _at(path, self.jacobian), tuple(like.shape)
-        array = self._floats("jacobian", path, leaf)
-        if tuple(array.shape[1:]) != shape:
-            raise ValueError(
-                f"{_named('jacobian', path)} should have shape (m, {', '.join(map(str, shape))}); "
-                f"found {tuple(array.shape)}"
-            )
-        _require_dtype("jacobian", path, leaf, like)
-        return array.reshape(len(array), math.prod(shape))
+    def _flat(self, name: str, leaves: list[Any], *, is_row: bool = True) -> list[Any]:
+        """Leaves of one axis, or of two where J is stacked; copied where their numbers lie in another order.
 
-    def _floats(self, name: str, path: Path, leaf: Any) -> Any:
-        array = self.looked_at(leaf)
-        if array is None:
-            raise ValueError(
-                f"{_named(name, path)} should be an array of float64, float32 or bfloat16; found {_described(leaf)}"
-            )
-        if type(array) is np.ndarray or not isinstance(array, np.ndarray):
-            return array
-        if np.ma.is_masked(array):
-            raise ValueError(
-                f"{_named(name, path)} should have no masked entries, whose values nobody vouches for; found some"
-            )
-        return np.asarray(array)
+        ValueError for other forms than g's. A row has g's dtypes and library too.
+        """
+        found, axes = [], int(name == "jacobian")
+        for k, (leaf, like) in enumerate(zip(leaves, self._given[0], strict=True)):
+            array, shape = self.looked_at(leaf), tuple(getattr(like, "shape", ()))
+            if array is None:
+                self._refuse(name, k, "be an array of float64, float32 or bfloat16", _described(leaf))
+            if tuple(array.shape[axes:]) != shape:
+                wanted = f"(m, {', '.join(map(str, shape))})" if axes else shape
+                self._refuse(name, k, f"have shape {wanted}", tuple(array.shape))
+            if is_row and _library(leaf) != _library(like):
+                self._refuse(name, k, f"be of {_library(like)} as gradient is", _library(leaf))
+            if is_row and leaf.dtype != like.dtype:
+                self._refuse(name, k, f"be of {like.dtype} as gradient is there", leaf.dtype)
+            if isinstance(leaf, np.ndarray) and type(leaf) is not np.ndarray and np.ma.is_masked(leaf):
+                self._refuse(name, k, "have no masked entries, whose values nobody vouches for", "some")
+            found.append(array.reshape(*array.shape[:axes], math.prod(shape)))
+        return found
+
+    def _refuse(self, name: str, k: int, wanted: str, found: Any) -> None:
+        raise ValueError(f"{_names(self.gradient, name)[k]} should {wanted}; found {found}")
 
     def looked_at(self, leaf: Any) -> Any:
         """The array that a leaf is, without a copy, of bfloat16 its bits; None for what is no array of floats."""
-        if type(leaf) is np.ndarray and leaf.dtype in DTYPES:  # first, since of a tree there may be hundreds
-            return leaf
         if _torch.is_tensor(leaf):
             return _torch.as_array(leaf) if _torch.is_float(leaf) else None
         array = _jax.as_array(leaf) if _jax.is_jax(leaf) else leaf
         if not isinstance(array, np.ndarray):
             return None
-        if array.dtype in DTYPES:
-            return array
-        return (
-            array.view(BFLOAT16) if array.dtype.name == "bfloat16" else None
-        )  # of the package that brings it to NumPy
+        if array.dtype.name == "bfloat16":  # of the package that brings it to NumPy
+            return np.asarray(array).view(BFLOAT16)
+        return np.asarray(array) if array.dtype in DTYPES else None
+
+    @cached_property
+    def _plain(self) -> tuple[Any, list[int], int] | None:
+        """(dtype, numbers of each leaf, m) if all leaves are alike, and lie side by side; else None.
+
+        So it is nearly always. Of hundreds of leaves each is asked a few questions, by loops that are not Python's.
+        """
+        own, *others = self._given
+        of_torch = _torch.is_tensor(own[0])
+        if not all(map(_torch.are_side_by_side if of_torch else _are_side_by_side, self._given)):
+            return None
+        forms = [*map(_FORM, own)]
+        dtype, m = forms[0][0], len(others)
+        if len({dtype for dtype, _ in forms}) > 1:
+            return None
+        counts = [math.prod(shape) for _, shape in forms]
+        if self._is_stacked:
+            m = len(others[0][0])
+            forms = [(dtype, (m, *shape)) for _, shape in forms]
+        dtype = _torch.numpys(dtype) if of_torch else dtype
+        return (dtype, counts, m) if all([*map(_FORM, row)] == forms for row in others) else None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, n), by the rows."""
+        return super().shape if self._plain is None else (self._plain[2], sum(self._plain[1]))
+
+    @cached_property
+    def _groups(self) -> list[Group]:
+        """By the addresses alone, where all is plain."""
+        if self._plain is None:
+            return super()._groups
+        (dtype, counts, m), (own, *others) = self._plain, self._given
+        find = _torch.addresses if _torch.is_tensor(own[0]) else addresses
+        where, sizes = np.empty((len(own), 1 + m, 4), np.int64), np.array(counts)[:, None]
+        where[:, :, 1], where[:, :, 2], where[:, :, 3] = dtype.itemsize, sizes, dtype.itemsize
+        where[:, 0, 0] = find(own)
+        if self._is_stacked:
+            where[:, 1:, 0] = np.array(find(others[0]))[:, None] + np.arange(m) * sizes * dtype.itemsize
+        else:
+            for i, row in enumerate(others):
+                where[:, 1 + i, 0] = find(row)
+        spans = pairwise(accumulate(counts, initial=0))
+        return [(dtype, [(k, start, end) for k, (start, end) in enumerate(spans)], where)]
 
     def channels(self) -> list[Any]:
         """g and J's rows, each in the form of g."""
@@ -136,8 +167,10 @@ class TreeVectors(LeafVectors):
 
     def rebuilt(self, parts: list[Any]) -> Any:
         """In g's structure, shapes and kind."""
-        left = iter(parts)
-        return mapped(lambda leaf: _back(next(left), leaf), self.gradient)
+        own = self._given[0]
+        back = _torch.as_tensor if _torch.is_tensor(own[0]) else _jax.as_jax if _jax.is_jax(own[0]) else _as_array
+        left = map(back, parts, own)
+        return mapped(lambda _: next(left), self.gradient)
 
     def unrounded(self, row: np.ndarray) -> Any:
         """A vector in the form of g, of float64 whatever the leaves are."""
@@ -150,7 +183,7 @@ class TreeVectors(LeafVectors):
                 raise ValueError(f"{name} should have shape {(self.shape[1],)}; found {direction.shape}")
             parts: list[Any] = self.split(direction)
         else:
-            parts = self._flat(direction, name, is_row=False)
+            parts = self._flat(name, self._in_order(direction, name), is_row=False)
         return [self.placed(part, g) for part, (g, _) in zip(parts, self.leaves, strict=True)]
 
     def placed(self, part: Any, like: Any) -> Any:
@@ -169,73 +202,71 @@ def is_tree(gradient: Any) -> bool:
     return _is_array(gradient)
 
 
-def _is_node(value: Any) -> bool:
-    return isinstance(value, _NODES)
-
-
-def _is_array(value: Any) -> bool:
-    return isinstance(value, np.ndarray) or _torch.is_tensor(value) or _jax.is_jax(value)
-
-
-def walk(tree: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
-    """(keys from the root, leaf), in the order of the keys."""
-    if isinstance(tree, list | tuple | dict):
-        for key in tree if isinstance(tree, dict) else range(len(tree)):
-            yield from walk(tree[key], (*path, key))
+def leaves_of(tree: Any, like: Any) -> list[Any] | None:
+    """Leaves in the order of the other tree; None where its structure is another."""
+    if isinstance(like, dict):
+        if not isinstance(tree, dict) or tree.keys() != like.keys():
+            return None
+        parts, others = [tree[key] for key in like], [*like.values()]
+    elif isinstance(like, _LISTS):
+        if not isinstance(tree, _LISTS) or len(tree) != len(like):
+            return None
+        parts, others = [*tree], [*like]
     else:
-        yield path, tree
-
-
-def _at(path: Path, tree: Any) -> Any:
-    """The leaf of a tree."""
-    for key in path:
-        tree = tree[key]
-    return tree
-
-
-def _named(name: str, path: Path) -> str:
-    """As the caller would write it."""
-    return name + "".join(f"[{key!r}]" for key in path)
+        return None if isinstance(tree, _NODES) else [tree]
+    if not any(issubclass(kind, _NODES) for kind in {*map(type, parts), *map(type, others)}):
+        return parts
+    found = []
+    for part, other in zip(parts, others, strict=True):
+        leaves = leaves_of(part, other)
+        if leaves is None:
+            return None
+        found += leaves
+    return found
 
 
 def mapped(change: Callable[[Any], Any], tree: Any) -> Any:
     """The tree of changed leaves; named tuples stay what they are."""
     if isinstance(tree, dict):
         return {key: mapped(change, part) for key, part in tree.items()}
-    if isinstance(tree, list):
-        return [mapped(change, part) for part in tree]
-    if isinstance(tree, tuple):
+    if isinstance(tree, _LISTS):
         parts = [mapped(change, part) for part in tree]
+        if isinstance(tree, list):
+            return parts
         return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
     return change(tree)
+
+
+def _names(tree: Any, name: str) -> list[str]:
+    """Of the leaves, as the caller would write them."""
+    if not isinstance(tree, _NODES):
+        return [name]
+    keys = tree if isinstance(tree, dict) else range(len(tree))
+    return [leaf for key in keys for leaf in _names(tree[key], f"{name}[{key!r}]")]
 
 
 def _structure(tree: Any) -> Any:
     """What two trees of one structure have alike."""
     if isinstance(tree, dict):
         return {key: _structure(part) for key, part in tree.items()}
-    return [_structure(part) for part in tree] if isinstance(tree, list | tuple) else None
+    return [_structure(part) for part in tree] if isinstance(tree, _LISTS) else None
 
 
-def _is_alike(tree: Any, like: Any) -> bool:
-    """Whether two trees have one structure."""
-    if isinstance(like, dict):
-        return isinstance(tree, dict) and tree.keys() == like.keys() and all(_is_alike(tree[k], like[k]) for k in like)
-    if _is_node(like):
-        return isinstance(tree, _LISTS) and len(tree) == len(like) and all(map(_is_alike, tree, like))
-    return not _is_node(tree)
+def _are_side_by_side(arrays: list[Any]) -> bool:
+    """Whether they are arrays of NumPy that the passes read as they lie."""
+    if {*map(type, arrays)} != {np.ndarray} or arrays[0].dtype not in DTYPES:
+        return False
+    return all(map(attrgetter("flags.c_contiguous"), arrays))
 
 
-def _require_structure(name: str, tree: Any, like: Any) -> None:
-    if not _is_alike(tree, like):
-        wanted, found = _structure(like), _structure(tree)
-        raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {found}")
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray) or _torch.is_tensor(value) or _jax.is_jax(value)
 
 
 def _described(leaf: Any) -> str:
     if hasattr(leaf, "dtype"):
         return f"{type(leaf).__name__} of {leaf.dtype}, shape {tuple(leaf.shape)}"
-    return f"{_structure(leaf)}" if _is_node(leaf) else repr(leaf)
+    return f"{_structure(leaf)}" if isinstance(leaf, _NODES) else repr(leaf)
 
 
 def _library(leaf: Any) -> str:
@@ -244,26 +275,6 @@ def _library(leaf: Any) -> str:
     return "jax" if _jax.is_jax(leaf) else type(leaf).__module__.partition(".")[0]
 
 
-def _require_library(name: str, path: Path, leaf: Any, like: Any) -> None:
-    """ValueError for a leaf of another library or device than g's."""
-    if type(leaf) is type(like) and leaf.device == like.device:
-        return
-    found, wanted = _library(leaf), _library(like)
-    if found != wanted:
-        raise ValueError(f"{_named(name, path)} should be of {wanted} as gradient is; found {found}")
-
-
-def _require_dtype(name: str, path: Path, leaf: Any, like: Any) -> None:
-    """ValueError for a row of another library, device or dtype than g's part."""
-    _require_library(name, path, leaf, like)
-    if leaf.dtype != like.dtype:
-        raise ValueError(f"{_named(name, path)} should be of {like.dtype} as gradient is there; found {leaf.dtype}")
-
-
-def _back(part: np.ndarray, like: Any) -> Any:
+def _as_array(part: np.ndarray, like: np.ndarray) -> np.ndarray:
     """The flat array as the leaf that it stands for."""
-    if _torch.is_tensor(like):
-        return _torch.as_tensor(part, like)
-    if _jax.is_jax(like):
-        return _jax.as_jax(part, like)
     return np.asarray(part.view(like.dtype) if part.dtype == BFLOAT16 else part).reshape(like.shape)
