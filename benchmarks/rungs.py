@@ -69,6 +69,7 @@ def page(rows: list[Row], seed: int) -> str:
     counts = "{0.problems:d} | {0.gramian:d} | {0.pairs:d} | {0.rows:d} | {0.other_status:d}"
     line = f"| {{0.family}} | {counts} | {{0.apart:.0e}} |"
     return (
+        "# Which rung answers which family\n\n"
         f"Made by `python benchmarks/rungs.py`, seed {seed}. Rungs: `docs/architecture.md`.\n\n"
         f"{table(heads, line, rows)}\n"
     )

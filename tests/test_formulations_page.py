@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from cpgrl_opt import FORMULATIONS
 
 ROOT = Path(__file__).parents[1]
@@ -37,8 +35,3 @@ def test_the_example_runs_as_printed():
     exec(example, names)
     step = names["step"]
     assert (step.slack_fraction, step.step_size, step.restoration_rate) == (1.0, 1.0, 1.0)
-
-
-@pytest.mark.parametrize("name", re.findall(r"\]\(([^):]+)\)", PAGE))
-def test_every_linked_file_exists(name):
-    assert (ROOT / "docs" / name).exists()

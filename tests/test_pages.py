@@ -1,0 +1,118 @@
+"""The pages of docs/ tell the truth: examples run, links lead somewhere, tables and numbers are those of the code."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
+from cpgrl_opt.comparison.exact import exact_answer
+from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.testing import LAWS
+from cpgrl_opt.testing.examination import first_break
+from cpgrl_opt.testing.laws_page import to_markdown
+from rl.experiments.solver_cases import cases
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("*.md"))}
+EXAMPLES = [
+    (name, number, example)
+    for name, page in PAGES.items()
+    if name != "kinds.md"  # which a file of tests of its own looks at
+    for number, example in enumerate(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL))
+]
+LINKS = [(name, link) for name, page in PAGES.items() for link in re.findall(r"\]\(([^):]+)\)", page)]
+
+
+@pytest.mark.parametrize(("name", "number", "example"), EXAMPLES, ids=[f"{each[0]}-{each[1]}" for each in EXAMPLES])
+def test_an_example_runs_as_printed(name, number, example):
+    exec(compile(example, f"{name}, example {number + 1}", "exec"), {})
+
+
+@pytest.mark.parametrize(("name", "link"), LINKS)
+def test_every_linked_file_exists(name, link):
+    assert (DOCS / link.split("#")[0]).exists() or link.startswith("#"), name
+
+
+def test_every_page_has_its_place_in_the_site():
+    listed = re.findall(r"^(\w+)$", PAGES["index.md"], flags=re.MULTILINE)
+    assert sorted(f"{name}.md" for name in listed) == sorted(set(PAGES) - {"index.md"})
+
+
+def test_the_table_of_solvers_is_that_of_the_code():
+    found = [line for line in PAGES["solvers.md"].splitlines() if re.match(r"\| `[a-z-]+` \|", line)]
+    expected = [
+        f"| `{name}` | {', '.join(cases(solver))} | {solver.guarantee} | {solver.source} |"
+        for name, solver in SOLVERS.items()
+    ]
+    missing, gone = [row for row in expected if row not in found], [row for row in found if row not in expected]
+    advice = ["docs/solvers.md should have these rows, in the order of SOLVERS:", *missing]
+    advice += ["and no longer:", *gone] if gone else []
+    assert found == expected, "\n".join(advice)
+
+
+def test_the_laws_are_those_of_the_kit():
+    command = "python -m cpgrl_opt.testing.laws_page > docs/laws.md"
+    assert command in PAGES["laws.md"]
+    assert PAGES["laws.md"] == to_markdown(), f"run {command}"
+
+
+def test_linearized_is_cpos_problem_and_restoring_is_not():
+    """A constraint that is met with slack 0.05 holds CPO back, and `linearized`; not `restoring`."""
+    assert (
+        "With κ = α₁ = αₑ = 1 and a radius it is the problem of constrained policy optimization"
+        in (PAGES["formulations.md"])
+    )
+    gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
+    cpo = SOLVERS["active-set"].solve(DirectionProblem(gradient, row, -slack, radius=1.0))
+    for formulation, is_cpo in (("linearized", True), ("restoring", False)):
+        step = ConstrainedStep(formulation=formulation, restoration_rate=1.0, radius=1.0)
+        change = step(Linearization([0.0, slack], [gradient, *row]), [0.0]).change
+        assert np.allclose(change, cpo.value) == is_cpo
+
+
+def test_the_limits_say_how_far_off_a_certified_answer_may_be():
+    """1e-12 rad from opposing; where it said "an eighth" there were 38 %."""
+    said = re.search(r"`active-set` is exact at 1e-10 rad, and up to (\d+) % off at 1e-12", PAGES["limits.md"])
+    assert said
+    problems = [FAMILIES["opposing-1e-12"].problem(k, 0) for k in range(60)]
+    found = [(problem, exact_answer(problem), SOLVERS["active-set"].solve(problem)) for problem in problems]
+    off = [
+        np.linalg.norm(answer.value - exact.direction) / np.linalg.norm(problem.gradient)
+        for problem, exact, answer in found
+        if exact.feasible and answer.status == Status.OPTIMAL
+    ]
+    assert 0.25 * int(said[1]) / 100 < max(off) <= int(said[1]) / 100
+
+
+def test_the_solver_that_is_said_to_be_right_is():
+    """Two laws, for the whole of it is slow."""
+    scope = {}
+    (source,) = [example for name, _, example in EXAMPLES if name == "your_own_solver.md"]
+    exec(compile(source, "mine.py", "exec"), scope)
+    for law in ("check_stationarity", "check_gradient_kept_when_feasible"):
+        found = first_break(LAWS[law], scope["Doubtful"](), max_examples=20)
+        assert (found.held, found.broken) == (20, 0)
+
+
+@pytest.mark.slow
+def test_it_passes(tmp_path, monkeypatch, start_cpgrl):
+    (source,) = [example for name, _, example in EXAMPLES if name == "your_own_solver.md"]
+    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    command = start_cpgrl("check", "mine:Doubtful", "--max-examples", "30")
+    out, _ = command.communicate()
+    assert command.returncode == 0, out
+    assert "mine:Doubtful passes" in out
+
+
+@pytest.mark.slow
+def test_the_comparison_writes_the_files_that_are_named(tmp_path, start_cpgrl):
+    (compare,) = re.findall(r"^\.venv/bin/cpgrl (compare .*)$", PAGES["comparison.md"], flags=re.MULTILINE)
+    named = re.findall(r"`([^`]+)`", re.search(r"It writes (.*?)\(", PAGES["comparison.md"], flags=re.DOTALL)[1])
+    assert len(named) == 3
+    command = start_cpgrl(*compare.split(), "--solvers", "active-set,nnls", "--out", tmp_path)
+    out, _ = command.communicate()
+    assert command.returncode == 0, out
+    assert all((tmp_path / name).stat().st_size > 0 for name in named)
