@@ -15,7 +15,7 @@ version = release = installed_version("cpgrl-opt")
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown"}
 html_theme, html_title, html_show_sphinx = "furo", f"cpgrl-opt {version}", False
-templates_path: list[str] = []
+html_static_path, html_css_files = ["_static"], ["docstrings.css"]
 exclude_patterns = ["_build"]
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
