@@ -129,9 +129,10 @@ def _look_by_products(problem: DirectionProblem, d: Vector, mu: Multipliers, kap
     flat: Any = flatten(problem)
     if flat.failure is not None or not (np.isfinite(d).all() and np.isfinite(mu).all() and math.isfinite(kappa)):
         return None
-    problem, rows = flat.problem, flat.unit
-    rest, x, slack = flat.look(d, mu, kappa)
-    bound, slack = rows.per_length(problem.bound), rows.per_length(slack)
+    Md, span, rows = flat.whitening.metric.times(d), flat.whitening, flat.unit
+    rest = span.of_force(kappa * Md - problem.gradient - mu @ problem.jacobian)
+    x, slack = span.coordinates(d, Md), problem.jacobian @ d - problem.bound
+    problem, bound, slack = flat.problem, rows.per_length(problem.bound), rows.per_length(slack)
     return Evidence(problem, mu, kappa, norm(rest), norm(problem.gradient), norm(x), rows, bound, slack, (rest, x))
 
 

@@ -16,9 +16,7 @@ import numpy as np
 
 from .arrays import Float, Int, Multipliers, Vector
 from .direction import Status
-from .flat_span import SpanFlat
-from .metric import Whitening
-from .metric_operator import OperatorMetric
+from .metric_operator import OperatorMetric, Span
 from .problem import DirectionProblem
 from .scaling import UnitRows, unit_rows
 
@@ -28,12 +26,15 @@ _LARGEST = 1e300
 
 @dataclass(frozen=True, eq=False)
 class Flat:
-    """problem: of (L⁻¹g̃, J̃L⁻ᵀ, b̃), with its radius; given: g̃ over J̃; M, and L of M̃; and e (n,), k (m,), s and f."""
+    """problem: of (L⁻¹g̃, J̃L⁻ᵀ, b̃), with its radius; given: g̃ over J̃; M, and L of M̃; and e (n,), k (m,), s and f.
+
+    Of a metric by products L is a `Span` in which V has its coordinates, and all units are 1.
+    """
 
     problem: DirectionProblem
     given: Float[np.ndarray, "channels n"]
     metric: Any
-    whitening: Whitening | None
+    whitening: Any  # Whitening or Span; None where M = I
     columns: Int[np.ndarray, "n"]
     rows: Int[np.ndarray, "m"]
     length: int
@@ -67,13 +68,13 @@ class Flat:
             return np.asarray(np.ldexp(y / np.abs(y).max(), self.rows - int(used.max(initial=0))))
 
 
-def flatten(problem: DirectionProblem) -> Flat | SpanFlat:
+def flatten(problem: DirectionProblem) -> Flat:
     """The problem where M = I, in its units; found once."""
-    known: tuple[tuple[Any, ...], Flat | SpanFlat] | None = vars(problem).get("_flat")
+    known: tuple[tuple[Any, ...], Flat] | None = vars(problem).get("_flat")
     given = (problem.gradient, problem.jacobian, problem.bound, problem.equality, problem.metric, problem.radius)
     if known is None or not all(map(is_, known[0], given)):
         by_product = isinstance(problem.whitening, OperatorMetric)
-        known = given, SpanFlat.of(problem) if by_product else _flatten(problem)
+        known = given, (_flatten_in_span if by_product else _flatten)(problem)
         if problem.metric is not None or not problem.is_long:  # else it would be a copy of all for a rare look
             vars(problem)["_flat"] = known
     return known[1]
@@ -106,3 +107,11 @@ def _flatten(problem: DirectionProblem) -> Flat:
     flat = DirectionProblem.trusted(vectors[0], vectors[1:], bound, problem.equality, radius)
     columns = np.broadcast_to(columns, vectors[0].shape)
     return Flat(flat, given, problem.metric, whitening, columns, rows, length, force, failure, unit)
+
+
+def _flatten_in_span(problem: DirectionProblem) -> Flat:
+    g, J, bound = problem.gradient, problem.jacobian, problem.bound
+    span = Span.of(problem.whitening, g, J, bound > -np.inf)
+    flat = DirectionProblem.trusted(span.rows[0], span.rows[1:], bound, problem.equality, problem.radius)
+    ones = np.zeros(problem.n, np.int64), np.zeros(problem.m, np.int64), 0, 0
+    return Flat(flat, span.rows, problem.metric, span, *ones, span.failure, unit_rows(flat.jacobian))

@@ -1,22 +1,35 @@
 """A metric that is known by what it does to a vector: v ↦ Mv asked of a callable, v ↦ M⁻¹v by conjugate gradients.
 
 Nothing of size n² is formed. M should be symmetric and positive definite: two fixed vectors u, v tell a visible
-asymmetry, uᵀMv ≠ vᵀMu, and every vector that is multiplied is looked at, vᵀMv > 0.
-Source: Hestenes & Stiefel 1952; Golub & Van Loan, Matrix Computations, §11.3.
+asymmetry, uᵀMv ≠ vᵀMu, and every vector that is multiplied is looked at, vᵀMv > 0. A problem is solved in the few
+coordinates of its own gradients:
+
+    K = V M⁻¹ Vᵀ = L Lᵀ,   V = [g; J],  U = M⁻¹V:     x = coordinates of d in the span,   d = Uᵀw,  Lᵀw = x
+
+U is kept, (1 + m, n): nothing else of size n is. K is as exact as it, so that a row whose unit length leaves less than
+100 tolerances of its square outside the others' span counts as dependent; what that costs the referee sees, who
+measures with M itself. One more coordinate holds what a given d has outside the span.
+Source: Hestenes & Stiefel 1952; Golub & Van Loan, Matrix Computations, §4.2, §11.3.
 """
 
 import itertools
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .arrays import Float, Number, Vector
+from .arrays import Bool, Float, Int, Jacobian, Number, Vector
+from .direction import Status
 from .validation import real_values, require_count, require_number
 
 TOLERANCE, ITERATIONS = 1e-12, 1000
 # What rounding, in single precision too, leaves between uᵀMv and vᵀMu, of ‖u‖‖Mv‖.
 _ASYMMETRY = 1e-5
+# For ‖r‖, of which one digit tells as much as ten.
+_LOOSE = 1e-6
+# g's part outside the rows' span is needed in its direction only, which U has: rounding of K may name its length.
+_ROUNDING = 1e-13
 
 
 class OperatorMetric:
@@ -70,6 +83,85 @@ class OperatorMetric:
             if _norm(rest) <= goal:
                 return x * unit, True
         return x * unit, False
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """Of g and the rows that are on, where M = I: U, √Kᵢᵢ, L of unit vectors, and the vectors of its columns.
+
+    failure: NUMERICAL_ERROR where a square leaves float64, UNCERTIFIED where a tolerance is not reached.
+    """
+
+    metric: OperatorMetric
+    gradient: Vector
+    jacobian: Jacobian
+    images: Float[np.ndarray, "channels n"]
+    lengths: Float[np.ndarray, "channels"]
+    factor: Float[np.ndarray, "channels k"]
+    basis: Int[np.ndarray, "k"]
+    failure: Status | None
+
+    @classmethod
+    def of(cls, metric: OperatorMetric, g: Vector, J: Jacobian, on: Bool[np.ndarray, "m"]) -> "Span":
+        """By 1 + m solves; rows that are off are 0."""
+        V = np.vstack([g, np.where(on[:, None], J, 0.0)])
+        found, reached = zip(*map(metric.solve, V), strict=True)
+        U = np.array(found)
+        with np.errstate(all="ignore"):
+            K = V @ U.T
+            lengths = np.sqrt(K.diagonal())
+            is_tame = np.isfinite(K).all() and ((lengths > 1e-140) | ~V.any(axis=1)).all() and (lengths < 1e140).all()
+            unit = np.where(lengths > 0.0, lengths, 1.0)
+            factor, basis = _factor(0.5 * (K + K.T) / unit / unit[:, None], 100.0 * metric.tolerance)
+        failure = Status.NUMERICAL_ERROR if not is_tame else None if all(reached) else Status.UNCERTIFIED
+        return cls(metric, g, J, U, lengths, factor, basis, failure)
+
+    @property
+    def rows(self) -> Float[np.ndarray, "channels k"]:
+        """g and J in coordinates, the last 0."""
+        return np.hstack([self.lengths[:, None] * self.factor, np.zeros((len(self.lengths), 1))])
+
+    def direction(self, d: Vector) -> Float[np.ndarray, "k"]:
+        """x of d, and the length of what it has outside the span."""
+        return self.coordinates(d, self.metric.times(d))
+
+    def original(self, x: Float[np.ndarray, "k"]) -> Vector:
+        """d = Uᵀw."""
+        return np.asarray(self._weights(x[:-1]) @ self.images)
+
+    def of_force(self, force: Vector) -> Float[np.ndarray, "k"]:
+        """Of M⁻¹ times it; NaN where that is not reached."""
+        z, reached = self.metric.solve(force, _LOOSE)
+        return self.coordinates(z, force) if reached else np.full(len(self.basis) + 1, np.nan)
+
+    def coordinates(self, d: Vector, Md: Vector) -> Float[np.ndarray, "k"]:
+        """L⁻¹Vd, and √(eᵀMe) of e = d − Uᵀw: dᵀMd − x·x would leave 1e-8 of rounding."""
+        products = np.append(self.gradient @ d, self.jacobian @ d)[self.basis]
+        x = np.linalg.solve(self.factor[self.basis], products / self.lengths[self.basis])
+        weights = self._weights(x)
+        apart = Md - weights[0] * self.gradient - weights[1:] @ self.jacobian
+        return np.append(x, np.sqrt(abs(float((d - weights @ self.images) @ apart))))
+
+    def _weights(self, x: Float[np.ndarray, "k"]) -> Float[np.ndarray, "channels"]:
+        weights = np.zeros(len(self.lengths))
+        weights[self.basis] = np.linalg.solve(self.factor[self.basis].T, x) / self.lengths[self.basis]
+        return weights
+
+
+def _factor(K: Float[np.ndarray, "channels channels"], cut: float) -> tuple[np.ndarray, np.ndarray]:
+    """L of unit vectors, the rows first, the farthest from the others' span first, and then g; and their order."""
+    from scipy.linalg.lapack import dpstrf  # first use only
+
+    columns, order, rank, _ = dpstrf(K[1:, 1:], tol=cut, lower=1)
+    factor, basis = np.zeros((len(K), rank)), order[:rank].astype(np.int64)
+    factor[order] = np.tril(columns)[:, :rank]
+    factor[0] = np.linalg.solve(factor[basis], K[0, basis])
+    outside = K[0, 0] - factor[0] @ factor[0]
+    if not outside > _ROUNDING:
+        return factor, basis
+    own = np.zeros((len(K), 1))
+    own[0] = np.sqrt(outside)
+    return np.hstack([factor, own]), np.append(basis, 0)
 
 
 def require_limits(tolerance: Number, iterations: Number) -> None:

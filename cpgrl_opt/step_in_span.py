@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from .direction import DirectionBatch, DirectionError, Status
-from .flat_span import SpanFlat
-from .metric_operator import OperatorMetric
-from .problem import DirectionProblem, ProblemBatch
+from .metric_operator import OperatorMetric, Span
+from .problem import ProblemBatch
 from .reduction import RUNGS, coordinates
 from .scaling import lengths
 from .step_result import StepResult
@@ -59,14 +58,11 @@ def step_in_span(
 def step_in_metric(
     on_rows: OnRows, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, metric: OperatorMetric, observe: Any
 ) -> StepResult:
-    """In the metric of v ↦ Mv, by `flat_span`. Rows that are not active cost no product: their coordinates are 0."""
+    """In the metric of v ↦ Mv. Rows that are not active cost no product: their coordinates are 0."""
     g, J = np.ascontiguousarray(gradients[0]), np.ascontiguousarray(gradients[1:])
-    bound = np.where(active, 0.0, -np.inf)
-    problem = DirectionProblem.trusted(g, J, bound, np.zeros(len(bound), np.bool_))
-    vars(problem).update(metric=metric.product, whitening=metric)
-    span = SpanFlat.of(problem)
+    span = Span.of(metric, g, J, active)
     if span.failure is not None:
         raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")
-    result = on_rows(np.vstack([span.problem.gradient, span.problem.jacobian]), slack, active.copy(), observe)
-    change = span.outside(result.change, slack, 0.0)[0]
+    result = on_rows(span.rows, slack, active.copy(), observe)
+    change = span.original(result.change)
     return replace(result, change=change, predicted_slack=slack + J @ change)

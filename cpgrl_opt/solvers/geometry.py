@@ -16,7 +16,6 @@ import numpy as np
 from ..certify import certify, misses_a_bound
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
-from ..flat_span import SpanFlat
 from ..problem import DirectionProblem, ProblemBatch, in_form, nothing
 from ..settings import CheckedSettings
 from .exact_core import climb, climb_batch
@@ -93,11 +92,11 @@ def _solve_whole(solver: RowSolver, problem: DirectionProblem) -> Direction:
     return _try(solver, problem, flat, again)
 
 
-def _try(solver: RowSolver, problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction) -> Direction:
+def _try(solver: RowSolver, problem: DirectionProblem, flat: Flat, answer: Direction) -> Direction:
     """What is found in the ball, and, where that is not sharp, what its face says by the rows as given."""
     found = _bring_back(problem, flat, answer, solver.tolerance)
     is_sharp = found.residuals is not None and max(found.residuals) <= _SHARP
-    if is_sharp or isinstance(flat, SpanFlat) or found.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
+    if is_sharp or callable(problem.metric) or found.status not in (Status.OPTIMAL, Status.UNCERTIFIED):
         return found
     held, rows = problem.equality | (answer.multipliers != 0.0), flat.problem
     small = SmallProblem(rows.gradient, rows.jacobian, rows.bound, rows.equality)
@@ -139,7 +138,7 @@ def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
     return ProblemBatch.trusted(g, J, b, E, None if flats[0].radius is None else np.array([p.radius for p in flats]))
 
 
-def _bring_back(problem: DirectionProblem, flat: Flat | SpanFlat, answer: Direction, tolerance: float) -> Direction:
+def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolerance: float) -> Direction:
     """What is claimed of the flat problem, as an answer to the problem itself; the referee's word stands."""
     kappa = float(getattr(answer, "radius_multiplier", 0.0))
     value, multipliers = np.asarray(answer.value, np.float64), np.asarray(answer.multipliers, np.float64)

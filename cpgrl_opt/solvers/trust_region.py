@@ -25,7 +25,6 @@ from .._violation import is_missed
 from ..arrays import Bool, Float, Multipliers, Vector
 from ..direction import Direction, Status
 from ..flat import Flat
-from ..flat_span import SpanFlat
 from ..problem import DirectionProblem, ProblemBatch
 from ..scaling import demand, lengths, norm
 from .ball_violation import least_violation_in_ball
@@ -63,7 +62,7 @@ class BallAnswer:
     iterations: int = 0
 
 
-def solve_in_ball(core: Core, flat: Flat | SpanFlat) -> Direction:
+def solve_in_ball(core: Core, flat: Flat) -> Direction:
     """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge.
 
     Where the radius is huge beside all bounds they would be rounding in its unit. So it is a smaller ball at first,
@@ -116,7 +115,7 @@ class _Ball:
     small: d = radius · basis x; kept: (m,), its rows.
     """
 
-    flat: Flat | SpanFlat
+    flat: Flat
     small: SmallProblem
     basis: Float[np.ndarray, "n k"]
     kept: Bool[np.ndarray, "m"]
@@ -124,7 +123,7 @@ class _Ball:
     radius: float
 
     @classmethod
-    def of(cls, flat: Flat | SpanFlat, radius: float) -> "_Ball":
+    def of(cls, flat: Flat, radius: float) -> "_Ball":
         problem, rows = flat.problem, flat.unit
         strength = math.sqrt(problem.gradient @ problem.gradient)  # whose numbers are about 1
         with np.errstate(over="ignore", under="ignore"):
