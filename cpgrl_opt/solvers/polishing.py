@@ -43,13 +43,8 @@ def polish(
         face = (face & ~leaving) | entering
 
 
-def project_onto_face(
-    small: SmallProblem, face: Bool[np.ndarray, "p"], *, nonnegative: bool = True
-) -> tuple[Vector, Float[np.ndarray, "p"]]:
-    """(d, μ) of the module's head for 𝒜 = face; μᵢ < 0 where no better ones exist.
-
-    nonnegative=False: whatever sign the independent rows give, for rules that look at it.
-    """
+def project_onto_face(small: SmallProblem, face: Bool[np.ndarray, "p"]) -> tuple[Vector, Float[np.ndarray, "p"]]:
+    """(d, μ) of the module's head for 𝒜 = face; μᵢ < 0 where no better ones exist."""
     rows, bound, g = small.rows[face], small.bound[face], small.center
     multipliers = np.zeros(len(face))
     if len(rows) == 0:
@@ -63,7 +58,7 @@ def project_onto_face(
     d = d + Q @ solve_upper(R, bound[chosen], transposed=True)
     weights = np.zeros(len(rows))
     weights[chosen] = solve_upper(R, Q.T @ (d - g))
-    if nonnegative and rank < len(rows) and (weights[~small.equality[face]] < 0.0).any():
+    if rank < len(rows) and (weights[~small.equality[face]] < 0.0).any():
         weights = nonnegative_weights(Q.T @ rows.T, Q.T @ (d - g), small.equality[face])
     else:  # one step of refinement: nearly opposing rows have multipliers of 1e9
         weights[chosen] += solve_upper(R, Q.T @ (d - g - weights @ rows))

@@ -14,12 +14,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import Bool, Float, Vector
 from ..problem import DirectionProblem
-from ..projection import RANK_TOLERANCE, largest_multipliers, unit_multipliers
+from ..projection import largest_multipliers, unit_multipliers
 from ..scaling import lengths
 from .base import SmallSolver
-from .factorization import pivoted_qr
 from .polishing import project_onto_face
 from .small_problem import SmallAnswer, SmallProblem
 
@@ -50,7 +48,11 @@ class RosenDrop(SmallSolver):
         """The drop rule's x and μ; `iterations` counts the constraints that were dropped."""
         active, negligible = np.ones(len(small.bound), dtype=np.bool_), min(_NEGLIGIBLE, self.tolerance)
         while True:
-            d, multipliers = self._project(small, active)
+            d, multipliers = project_onto_face(small, active)
+            rest = lengths(small.center + multipliers @ small.rows - d)
+            if rest > negligible or (multipliers[~small.equality] < -negligible).any():  # of dependent rows the least
+                rows = np.where(active[:, None], small.rows, 0.0)
+                multipliers = -unit_multipliers(rows[None], small.center[None])[0]
             positive = active & ~small.equality & (-multipliers > negligible)  # λᵢ‖Jᵢ‖/‖g‖
             if not positive.any():
                 return SmallAnswer(d, multipliers, int((~active).sum()))
@@ -59,17 +61,3 @@ class RosenDrop(SmallSolver):
                 with np.errstate(over="ignore", divide="ignore"):
                     harm = harm / small.lengths
             active &= ~largest_multipliers(harm[None], -multipliers[None], positive[None])[0]
-
-    def _project(self, small: SmallProblem, active: Bool[np.ndarray, "p"]) -> tuple[Vector, Float[np.ndarray, "p"]]:
-        """d on the face of the active rows, and μ = −λ: of dependent rows a λ ≤ 0, or the least where there is none."""
-        d, multipliers = project_onto_face(small, active, nonnegative=False)
-        rank = len(pivoted_qr(small.rows[active].T, RANK_TOLERANCE)[1]) if active.any() else 0
-        negligible, inequality = min(_NEGLIGIBLE, self.tolerance), ~small.equality
-        if rank == active.sum() or not (multipliers[inequality] < -negligible).any():
-            return d, multipliers
-        _, signed = project_onto_face(small, active)
-        rest = lengths(small.center + signed @ small.rows - d)
-        if not (signed[inequality] < -negligible).any() and rest <= negligible:
-            return d, signed
-        rows = np.where(active[:, None], small.rows, 0.0)
-        return d, -unit_multipliers(rows[None], small.center[None])[0]

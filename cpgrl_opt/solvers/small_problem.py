@@ -40,18 +40,14 @@ class SmallProblem:
     equality: Bool[np.ndarray, "p"]
     lengths: Float[np.ndarray, "p"] | None = None
 
-    def restricted(self, rows: Bool[np.ndarray, "p"]) -> "SmallProblem":
+    def restrict(self, rows: Bool[np.ndarray, "p"]) -> "SmallProblem":
         """The same problem on some of its rows."""
         row_lengths = None if self.lengths is None else self.lengths[rows]
         return SmallProblem(self.center, self.rows[rows], self.bound[rows], self.equality[rows], row_lengths)
 
-    def divided(self, factor: float) -> "SmallProblem":
+    def divide(self, factor: float) -> "SmallProblem":
         """The same problem in units `factor` times as large."""
         return replace(self, center=self.center / factor, bound=self.bound / factor)
-
-    def relevant_rows(self) -> Bool[np.ndarray, "p"]:
-        """Equalities, and inequalities whose bound is not too negative to matter."""
-        return self.equality | (self.bound > NEGLIGIBLE_BOUND)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,27 +103,25 @@ class ScaledProblem:
     scale: float
     unit: UnitRows
 
-    def rescaled(self, factor: float) -> "ScaledProblem":
+    def rescale(self, factor: float) -> "ScaledProblem":
         """The same problem in units `factor` times as large."""
-        return replace(self, small=self.small.divided(factor), scale=self.scale * factor)
+        return replace(self, small=self.small.divide(factor), scale=self.scale * factor)
 
     def original_multipliers(self, multipliers: Float[np.ndarray, "p"]) -> Multipliers:
         """μᵢ = μ̂ᵢ s / ‖Jᵢ‖ on the kept rows, 0 elsewhere; (m,). The quotient first, so that 1e±170 passes."""
         answer = np.zeros(self.problem.m)
-        kept = self.kept
+        answer[self.kept] = multipliers
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            ratio = self.scale / self.unit.largest[kept] / self.unit.relative[kept]
-            answer[kept] = np.where(multipliers == 0.0, 0.0, multipliers * ratio)
-        return answer
+            return np.where(answer == 0.0, 0.0, answer * self.unit.per_length(np.full(len(answer), self.scale)))
 
 
 def scale_problem(problem: DirectionProblem) -> ScaledProblem:
     """The problem in its own units."""
     is_finite = np.isfinite(problem.gradient).all() and np.isfinite(problem.jacobian).all()
     if not is_finite or not (problem.bound < np.inf).all():  # only a forged problem; comparisons hide a NaN
-        none = np.zeros(problem.m, dtype=np.bool_)
-        nothing = SmallProblem(problem.gradient, np.zeros((0, problem.n)), np.zeros(0), none[:0])
-        return ScaledProblem(problem, nothing, none, none, np.nan, unit_rows(np.zeros_like(problem.jacobian)))
+        none = np.zeros(problem.m, np.bool_)
+        whole = SmallProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)
+        return ScaledProblem(problem, whole, none, none, np.nan, unit_rows(np.zeros_like(problem.jacobian)))
     unit = unit_rows(problem.jacobian)
     bound = unit.per_length(problem.bound)
     is_zero = unit.largest == 0.0
@@ -137,7 +131,7 @@ def scale_problem(problem: DirectionProblem) -> ScaledProblem:
     scale = max(float(lengths(problem.gradient)), float(demand(bound, equality).max(initial=0.0)))
     row_lengths = unit.largest[kept] * unit.relative[kept]
     whole = SmallProblem(problem.gradient, unit.jacobian[kept], bound, equality, row_lengths)
-    return ScaledProblem(problem, whole.divided(scale if 0.0 < scale < np.inf else 1.0), kept, impossible, scale, unit)
+    return ScaledProblem(problem, whole.divide(scale if 0.0 < scale < np.inf else 1.0), kept, impossible, scale, unit)
 
 
 def reduce_problem(small: SmallProblem) -> tuple[SmallProblem, Float[np.ndarray, "n k"]]:
