@@ -94,11 +94,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def skip_broken(parameters: Iterable[object]) -> None:
     """Skips, with the reason, a test of a solver whose package is there but cannot be imported on this machine."""
-    from cpgrl_opt.solvers import SELF_JUDGING, SOLVERS, is_installed, obstacle
+    from cpgrl_opt.solvers import SOLVERS, is_installed, obstacle
+    from cpgrl_opt.solvers.base import Solver
 
     for parameter in parameters:
         solver = SOLVERS.get(parameter) if isinstance(parameter, str) else parameter
-        if isinstance(solver, SELF_JUDGING) and is_installed(solver) and (why := obstacle(solver)):
+        if isinstance(solver, Solver) and is_installed(solver) and (why := obstacle(solver)):
             pytest.skip(f"{getattr(solver, 'name', solver)} is {why}")
 
 

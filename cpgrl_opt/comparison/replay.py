@@ -13,7 +13,7 @@ from ..problem import DirectionProblem
 from ..solvers import SOLVERS
 from ..solvers.facts import facts_of
 from ..solvers.infeasibility import infeasible_direction
-from ..solvers.interface import DirectionSolver, in_form
+from ..solvers.interface import DirectionSolver, check_form
 from ..validation import require_count
 from .contestants import DEFAULT_SOLVER
 from .families import ProblemFamily
@@ -68,7 +68,7 @@ def _solve(solver: DirectionSolver, problem: DirectionProblem, index: int, done:
     begun = process_time()
     answer = solver.solve(own)
     seconds = process_time() - begun
-    direction = in_form(solver, as_direction, answer, problem.n, problem.m)
+    direction = check_form(solver, as_direction, answer, problem.n, problem.m)
     done.status[index] = direction.status
     done.iterations[index] = direction.iterations
     done.worst[index] = kkt_residuals(problem, direction).worst

@@ -24,7 +24,7 @@ from ..answers import as_direction
 from ..direction import Direction
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS, MissingPackageError, compile_kernels
-from ..solvers.packages import require_package
+from ..solvers.packages import require_packages
 from .contestants import DEFAULT_SOLVER, contestant
 from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import ProblemFamily
@@ -195,9 +195,8 @@ def seconds_of(solve: Solve, problem: DirectionProblem, *, warm: bool = True) ->
 
 def load_packages(solver: str) -> None:
     """Imports what a solver of SOLVERS stands on, so that no measurement does. Raises UnusablePackageError."""
-    package = getattr(SOLVERS.get(solver), "package", None)
-    if package is not None:
-        require_package(solver, package)
+    if solver in SOLVERS:
+        require_packages(SOLVERS[solver])
         for name in ("qpsolvers", "scipy.sparse", "scipy.optimize"):
             import_module(name)
 

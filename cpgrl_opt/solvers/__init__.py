@@ -8,24 +8,21 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 
-from ..certify import certify
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch, in_form, require_problem
+from ..problem import DirectionProblem, ProblemBatch, require_problem
 from .active_set import ActiveSet
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
-from .infeasibility import infeasible_direction
-from .interface import TRUSTED, DirectionSolver, ask, refereed, solve_stacked, unsupported
+from .interface import TRUSTED, DirectionSolver, refereed, solve_stacked
 from .nnls import NNLS
 from .osqp import OSQP
 from .packages import MissingPackageError, UnusablePackageError, has_package, is_installed, is_usable, obstacle
 from .rosen import Rosen
 from .rosen_drop import RosenDrop
-from .span import solve_in_span
 from .through_cvxpy import CVXPY
 from .through_qpsolvers import BACK_ENDS, QPSolversBackend
-from .with_geometry import WithGeometry
+from .with_geometry import WithGeometry, ask_and_certify
 
 SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
     {
@@ -42,8 +39,7 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
 
 # They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where
 # they are used, on arrays that it never got hold of (see `interface`).
-SELF_JUDGING = tuple({type(solver) for solver in SOLVERS.values()})
-TRUSTED.update((*SELF_JUDGING, WithGeometry))  # which asks the solver inside it with the same care
+TRUSTED.update({type(solver) for solver in SOLVERS.values()}, {WithGeometry})
 
 
 def solver_named(name: str) -> DirectionSolver:
@@ -68,15 +64,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     """
     require_problem(problem)
     solver = problem.vectors.attempt(partial(_checked, solver)) if problem.is_tree else _checked(solver)
-    if type(solver) in SELF_JUDGING:
-        return solver.solve(problem)
-    if problem.is_tree and not problem.vectors.has_rows:
-        return solve_in_span(partial(solve, solver=solver), problem, tolerance_of(solver), is_exact=False)
-    if not supports(solver, problem):
-        return unsupported(problem)
-    asked = ask(solver, problem)
-    answer = certify(problem, asked, tolerance_of(solver), infeasible_direction)
-    return in_form(problem, answer) if problem.is_tree else answer
+    return solver.solve(problem) if type(solver) in TRUSTED else ask_and_certify(solver, problem)
 
 
 def solve_batch(
@@ -98,9 +86,7 @@ def solve_batch(
     """
     solver = _checked(solver)
     answers = solve_stacked(solver, problems, threads=threads)
-    if type(solver) in SELF_JUDGING or len(answers) == 0:
-        return answers
-    return refereed(problems, answers, tolerance_of(solver))
+    return answers if type(solver) in TRUSTED else refereed(problems, answers, tolerance_of(solver))
 
 
 def _checked(solver: DirectionSolver | str) -> DirectionSolver:
@@ -116,7 +102,6 @@ __all__ = [
     "DEFAULT_TOLERANCE",
     "NNLS",
     "OSQP",
-    "SELF_JUDGING",
     "SOLVERS",
     "ActiveSet",
     "DirectionSolver",

@@ -45,26 +45,23 @@ class DirectionSolver(Protocol):
 
 def ask(solver: Any, problem: DirectionProblem) -> Direction:
     """solver.solve(problem); ValueError that names a solver which writes to the problem or returns no direction."""
-    if type(solver) in TRUSTED:
-        answer: Direction = solver.solve(problem)
-        return answer
-    found = _ask_with_copies(solver, solver.solve, problem)
-    return in_form(solver, as_direction, found, problem.n, problem.m)
+    answer: Direction = _ask(solver, "solve", as_direction, problem, problem.n, problem.m)
+    return answer
 
 
 def ask_batch(solver: Any, problems: ProblemBatch) -> DirectionBatch:
     """solver.solve_batch(problems), as `ask`; of at least one problem."""
-    if type(solver) in TRUSTED:
-        answers: DirectionBatch = solver.solve_batch(problems)
-        return answers
-    found = _ask_with_copies(solver, solver.solve_batch, problems)
     count, m, n = problems.jacobian.shape
-    return in_form(solver, as_directions, found, count, n, m)
+    answers: DirectionBatch = _ask(solver, "solve_batch", as_directions, problems, count, n, m)
+    return answers
 
 
-def _ask_with_copies(solver: Any, method: Callable[[Any], Any], problems: DirectionProblem | ProblemBatch) -> Any:
+def _ask(solver: Any, name: str, form: Callable[..., Any], problems: Any, *shape: int) -> Any:
+    method = getattr(solver, name)
+    if type(solver) in TRUSTED:
+        return method(problems)
     try:
-        return method(problems.copied())
+        found = method(problems.copied())
     except ValueError as error:
         if "read-only" not in str(error):  # NumPy's word for it, and Cython's
             raise
@@ -72,9 +69,10 @@ def _ask_with_copies(solver: Any, method: Callable[[Any], Any], problems: Direct
             f"solver should leave the arrays of a problem as they are, and work on copies; found {solver!r}, which "
             f"wrote to one: {error}"
         ) from error
+    return check_form(solver, form, found, *shape)
 
 
-def in_form(solver: Any, form: Callable[..., Answer], *answer_and_shape: Any) -> Answer:
+def check_form(solver: Any, form: Callable[..., Answer], *answer_and_shape: Any) -> Answer:
     """form(answer, …), its ValueError with the solver's name."""
     try:
         return form(*answer_and_shape)
@@ -108,14 +106,14 @@ def _solve_part(solver: DirectionSolver, problems: ProblemBatch) -> DirectionBat
     facts = facts_of(solver)
     if facts.declines_by_itself:
         return ask_batch(solver, problems)
-    taken = np.array([facts.supports(problem) for problem in problems], dtype=np.bool_)
-    if not facts.has_batch:
-        pairs = zip(problems, taken, strict=True)
-        return DirectionBatch.stack([ask(solver, each) if takes else unsupported(each) for each, takes in pairs])
-    if taken.all():
-        return ask_batch(solver, problems)
-    answers = DirectionBatch.stack([unsupported(problem) for problem in problems])
-    return answers.replaced(taken, ask_batch(solver, problems.chosen(taken))) if taken.any() else answers
+    answers, taken = list(map(unsupported, problems)), np.flatnonzero([facts.supports(each) for each in problems])
+    if facts.has_batch and taken.size:
+        found: Sequence[Direction] = ask_batch(solver, problems.chosen(taken))
+    else:
+        found = [ask(solver, problems[k]) for k in taken.tolist()]
+    for k, answer in zip(taken, found, strict=True):
+        answers[k] = answer
+    return DirectionBatch.stack(answers)
 
 
 def refereed(

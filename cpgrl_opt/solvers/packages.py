@@ -49,12 +49,10 @@ def obstacle(solver: Any) -> str:
 
     A package that is there may lack a system library, which only its import tells: it is imported here.
     """
-    if not is_installed(solver):
-        return "not installed"
     try:
         require_packages(solver)
-    except UnusablePackageError as error:
-        return f"broken: {error.args[-1]}"
+    except MissingPackageError as error:
+        return f"broken: {error.args[-1]}" if isinstance(error, UnusablePackageError) else "not installed"
     return ""
 
 
@@ -67,15 +65,11 @@ def require_packages(solver: Any) -> None:
     """Imports what the solver stands on. Raises MissingPackageError, UnusablePackageError."""
     packages = facts_of(solver).packages
     for package in packages:
-        require_package(getattr(solver, "name", packages[0]), package, getattr(solver, "extra", "solvers"))
-
-
-def require_package(solver: str, package: str, extra: str = "solvers") -> None:
-    """Imports `package`. Raises MissingPackageError, UnusablePackageError."""
-    if not has_package(package):
-        raise MissingPackageError(solver, package, extra)
-    try:
-        import_module(package)
-    except Exception as reason:  # whatever a third party raises as it is imported
-        text = str(reason) if isinstance(reason, ImportError) else f"{type(reason).__name__}: {reason}"
-        raise UnusablePackageError(solver, package, text) from reason
+        name = getattr(solver, "name", packages[0])
+        if not has_package(package):
+            raise MissingPackageError(name, package, getattr(solver, "extra", "solvers"))
+        try:
+            import_module(package)
+        except Exception as reason:  # whatever a third party raises as it is imported
+            text = str(reason) if isinstance(reason, ImportError) else f"{type(reason).__name__}: {reason}"
+            raise UnusablePackageError(name, package, text) from reason

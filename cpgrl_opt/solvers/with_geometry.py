@@ -1,14 +1,16 @@
 """Somebody's cone solver made to take metrics and radii: a solver that declares nothing is never asked for them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
+from ..certify import certify
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch, without_geometry
+from ..problem import DirectionProblem, ProblemBatch, in_form, without_geometry
 from .base import Solver
 from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
-from .interface import DirectionSolver, ask, solve_stacked, unsupported
+from .infeasibility import infeasible_direction
+from .interface import DirectionSolver, ask, refereed, solve_stacked, unsupported
 from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .span import solve_in_span
 
@@ -38,28 +40,28 @@ class WithGeometry(Solver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The direction of the problem where M = I, judged on the problem itself; see `Status`."""
-        if problem.is_tree and not problem.vectors.has_rows:
-            return solve_in_span(self.solve, problem, self.tolerance, is_exact=False)
         if problem.metric is not None or problem.radius is not None:
             return solve_in_geometry(self, problem)
-        return self.solve_rows(problem) if self.supports(problem) else unsupported(problem)
-
-    def solve_batch(self, problems: ProblemBatch | Sequence[DirectionProblem]) -> DirectionBatch:
-        """B problems of one shape."""
-        stacked = ProblemBatch.stack(problems)
-        if not all(map(self.supports, stacked)):
-            return DirectionBatch.stack([self.solve(problem) for problem in stacked])
-        return super().solve_batch(stacked)
+        return self.solve_rows(problem)
 
     def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The solver's own answer."""
-        answer = ask(self.solver, problem)
-        return replace(answer, value=problem.as_given(answer.value), residuals=None)  # which nobody reads of others
+        """The solver's own answer, judged."""
+        return ask_and_certify(self.solver, problem)
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
-        """The solver's own answers."""
-        return replace(solve_stacked(self.solver, problems), residuals=None)
+        """The solver's own answers, judged."""
+        return refereed(problems, solve_stacked(self.solver, problems), self.tolerance)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The solver's own answer to a small problem, as the ball's search asks."""
         return as_small(ask(self.solver, as_problem(small)))
+
+
+def ask_and_certify(solver: DirectionSolver, problem: DirectionProblem) -> Direction:
+    """What somebody's solver says of a problem, with the status that the referee leaves it; UNSUPPORTED, unasked."""
+    if problem.is_tree and not problem.vectors.has_rows:
+        return solve_in_span(partial(ask_and_certify, solver), problem, tolerance_of(solver), is_exact=False)
+    if not supports(solver, problem):
+        return unsupported(problem)
+    answer = certify(problem, ask(solver, problem), tolerance_of(solver), infeasible_direction)
+    return in_form(problem, answer) if problem.is_tree else answer
