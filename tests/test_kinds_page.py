@@ -55,7 +55,7 @@ def test_what_a_solve_sends_is_as_written():
     answer, m = solve(problem), len(J)
     (formula,) = re.findall(r"three times (8 · \(2 \+ 3 \(1 \+ m\) \+ 2 \(1 \+ m\)²\)) bytes", PAGE)
     each = eval(re.sub(r"(\d) \(", r"\1 * (", formula).replace("·", "*").replace("²", "**2"), {"m": m})
-    assert sent == [40, each, each, each]
+    assert sent == [32, each, each, each]
     kkt_residuals(problem, answer)
     assert sent[4:] == [each, each]
 

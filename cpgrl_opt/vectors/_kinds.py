@@ -6,9 +6,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ._operations import OperationVectors, has_operations
+from ._structure import leaves_of, mapped
 from ._tensors import TensorVectors
 from ._torch import is_apart
-from ._trees import TreeVectors, is_tree, leaves_of, mapped
+from ._trees import TreeVectors, is_tree
 from .interface import Vectors
 
 
@@ -21,8 +22,8 @@ def kind_of(gradient: Any, jacobian: Any = None) -> Vectors | None:
         return vectors
     if not is_tree(gradient):
         return None
-    first, *_ = leaves_of(gradient, gradient) or [None]  # of one device are all, or it is an error
-    return (TensorVectors if is_apart(first) else TreeVectors)(gradient, jacobian)
+    is_elsewhere = any(map(is_apart, leaves_of(gradient, gradient)[:1]))  # of one device are all, or it is an error
+    return (TensorVectors if is_elsewhere else TreeVectors)(gradient, jacobian)
 
 
 def _refuse_rows() -> NoReturn:

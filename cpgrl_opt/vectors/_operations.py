@@ -111,10 +111,7 @@ class OperationVectors(Vectors):
 def _lincomb(given: Any, *weights: np.ndarray) -> Any:
     """Σ wᵢvᵢ, in pairs with weights in pairs."""
     name = "lincomb" if len(weights) == 1 else "lincomb_in_pairs"
-    found = _ask(given, name, f"{len(weights[0])} weights", *weights)
-    if found is None:
-        raise ValueError(f"{name}() should return a vector; found None")
-    return found
+    return _ask(given, name, f"{len(weights[0])} weights", *weights)
 
 
 def _extended(given: Any, *vectors: Any) -> Any:
@@ -126,12 +123,15 @@ def _extended(given: Any, *vectors: Any) -> Any:
 
 
 def _ask(given: Any, name: str, what: str, *arguments: Any) -> Any:
-    """What the method returns; ValueError where it does not take what it should."""
+    """What the method returns; ValueError where that is nothing, or it does not take what it should."""
     try:
-        return getattr(given, name)(*arguments)
+        found = getattr(given, name)(*arguments)
     except (TypeError, ValueError, AttributeError, IndexError) as error:
         kinds = ", ".join(type(argument).__name__ for argument in arguments)
         raise ValueError(f"{name}() should take {what}; found that {kinds} is an error: {error}") from error
+    if found is None:
+        raise ValueError(f"{name}() should return something; found None")
+    return found
 
 
 def _checked(name: str, gramian: Any, count: int | None = None) -> np.ndarray:

@@ -19,7 +19,7 @@ from ..arrays import Float
 from ..compensated import Pair
 from ..validation import real_view, require_shape
 from ._kinds import kind_of
-from ._numpy import ArrayVectors
+from ._numpy import REPRESENTABLE, ArrayVectors
 from ._torch import gather_by_torch
 from .interface import Sums, Vectors
 
@@ -47,15 +47,16 @@ class Sharded(Vectors):
 
         def find() -> list[Any]:
             self.part = _part_of(gradient, jacobian)
-            return [*self.part.shape, not self.part.are_finite(), self.part.has_pairs]
+            if self.part.shape[1] > 0:  # there may be none here
+                self.part.require_finite()
+            return [*self.part.shape, self.part.has_pairs]
 
-        said = self._meet(5, find)
-        if len({*said[:, 0]}) > 1:
-            raise ValueError(f"all ranks should have one number of rows; found {said[:, 0].astype(int).tolist()}")
-        if not said[:, 1].any():
+        m, n, has_pairs = self._meet(4, find).T
+        if len({*m}) > 1:
+            raise ValueError(f"all ranks should have one number of rows; found {m.astype(int).tolist()}")
+        if not n.any():
             raise ValueError("gradient should have at least one component; found none on any rank")
-        self._not_finite = np.flatnonzero(said[:, 2])
-        self._shape, self._has_pairs = (int(said[0, 0]), int(said[:, 1].sum())), bool(said[:, 3].all())
+        self._shape, self._has_pairs = (int(m[0]), int(n.sum())), bool(has_pairs.all())
 
     @property
     def gradient(self) -> Any:
@@ -72,15 +73,8 @@ class Sharded(Vectors):
         return self._shape
 
     def are_finite(self) -> bool:
-        """On all ranks."""
-        return not self._not_finite.size
-
-    def require_finite(self) -> None:
-        """ValueError on all ranks."""
-        if self._not_finite.size:
-            raise ValueError(
-                f"gradient and jacobian should be finite; found NaN or infinity on rank {self._not_finite}"
-            )
+        """Else it would not be here."""
+        return True
 
     def agree(self, work: Callable[[], Any]) -> Any:
         """ValueError on all ranks, too, where they return unlike numbers."""
@@ -127,11 +121,11 @@ class Sharded(Vectors):
         """The part of d on this rank; the sums are NaN where a part is not finite in its dtype."""
         formed = []
 
-        def find() -> tuple[Any, np.ndarray]:
+        def find() -> tuple[Any, Sums]:
             d, sums = self.part.form(weights, forces)
             formed.append(d)
-            is_finite = self.part.is_representable(d)
-            return [*weights, forces], sums if is_finite else np.full(len(sums), np.nan)
+            is_finite = sums[-1] <= REPRESENTABLE or self.part.is_representable(d)
+            return [*weights, forces], sums if is_finite else np.nan * sums
 
         sums = self._sum(_FORM, find).hi
         return formed[0], sums
@@ -145,15 +139,15 @@ class Sharded(Vectors):
 
         ValueError on all where the call, or the first, which they are asked of, are not the same on all.
         """
-        channels, parts = 1 + self._shape[0], [np.zeros(0), np.zeros(0)]
+        channels, parts = 1 + self._shape[0], list[np.ndarray]()
 
         def message() -> np.ndarray:
-            parts[:] = map(np.ravel, find())
+            parts.extend(map(np.ravel, find()))
             return np.concatenate([[what], *parts])
 
         said = self._meet(2 + 3 * channels + 2 * channels**2, message)
         asked, found = parts
-        theirs, numbers = said[:, 1 : 1 + len(asked)], said[:, 1 + len(asked) :][:, : len(found)]
+        theirs, numbers = np.split(said[:, 1 : 1 + len(asked) + len(found)], [len(asked)], axis=1)
         size = _SAME * np.abs(asked[np.isfinite(asked)]).max(initial=0.0)
         with np.errstate(invalid="ignore", over="ignore"):
             if not ((said[:, 0] == what).all() and ((theirs == asked) | (np.abs(theirs - asked) <= size)).all()):

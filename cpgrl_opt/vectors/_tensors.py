@@ -7,7 +7,7 @@ import numpy as np
 from ..arrays import Float
 from ..compensated import Pair
 from . import _torch
-from ._trees import TreeVectors, mapped
+from ._trees import TreeVectors
 from .interface import Sums
 
 
@@ -29,23 +29,9 @@ class TensorVectors(TreeVectors):
         """On the device."""
         return _torch.rounded(part, like)
 
-    def rebuilt(self, parts: list[Any]) -> Any:
-        """In g's structure and shapes."""
-        left = iter(parts)
-        return mapped(lambda leaf: next(left).reshape(leaf.shape), self.gradient)
-
-    def unrounded(self, row: np.ndarray) -> Any:
-        """A vector in the form of g, of float64 whatever the leaves are."""
-        left = iter(self.split(row))
-        return mapped(lambda leaf: _torch.as_tensor(next(left), leaf), self.gradient)
-
     def placed(self, part: Any, like: Any) -> Any:
         """On the device."""
         return part if _torch.is_tensor(part) else _torch.as_tensor(np.asarray(self.host(part), np.float64), like)
-
-    def is_representable(self, direction: Any) -> bool:
-        """Seen on the device."""
-        return all(map(_torch.all_finite, self.taken_apart(direction)))
 
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """In one pass."""

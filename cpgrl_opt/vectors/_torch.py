@@ -16,6 +16,8 @@ from ..compensated import Pair, product_error, split, two_sum
 # 12 MB, and 19 MB of sums.
 _BLOCK, _LANES = 1 << 18, 1 << 15
 _MOST_SUMS = 1 << 22
+_NAMES = {"torch.float64": np.float64, "torch.float32": np.float32, "torch.bfloat16": np.uint16}
+NUMPYS = {name: np.dtype(dtype) for name, dtype in _NAMES.items()}  # what we read, of bfloat16 the bits
 
 
 def is_tensor(value: Any) -> bool:
@@ -41,8 +43,7 @@ def detach(tensor: Any) -> Any:
 
 def is_float(tensor: Any) -> bool:
     """Of a dtype that we read."""
-    torch = _torch()
-    return tensor.dtype in (torch.float64, torch.float32, torch.bfloat16)
+    return str(tensor.dtype) in NUMPYS
 
 
 def as_array(tensor: Any) -> np.ndarray:
@@ -69,15 +70,11 @@ def addresses(tensors: list[Any]) -> list[int]:
     return [*map(_torch().Tensor.data_ptr, tensors)]
 
 
-def numpys(dtype: Any) -> Any:
-    """NumPy's name for a dtype that we read, of bfloat16 for its bits."""
+def as_tensor(part: Any, like: Any) -> Any:
+    """The other way, in the shape of `like`, and on its device; a tensor is there already."""
     torch = _torch()
-    return np.dtype({torch.float64: np.float64, torch.float32: np.float32}.get(dtype, np.uint16))
-
-
-def as_tensor(part: np.ndarray, like: Any) -> Any:
-    """The other way, in the shape of `like`, and on its device."""
-    torch = _torch()
+    if not isinstance(part, np.ndarray):
+        return part.reshape(like.shape)
     part = part if part.flags.writeable else part.copy()  # of what is read-only it would warn
     tensor = torch.from_numpy(part if like.ndim == 1 else part.reshape(like.shape))  # by NumPy, which takes no time
     tensor = tensor.view(torch.bfloat16) if part.dtype == np.uint16 else tensor
@@ -87,11 +84,6 @@ def as_tensor(part: np.ndarray, like: Any) -> Any:
 def rounded(part: np.ndarray, like: Any) -> Any:
     """Of the dtype of `like` too."""
     return _torch().from_numpy(np.require(part, requirements="W")).to(like)
-
-
-def all_finite(tensor: Any) -> bool:
-    """No NaN and no infinity."""
-    return bool(_torch().isfinite(tensor).all())
 
 
 def add_inner(K: Any, g: Any, J: Any) -> Any:

@@ -6,7 +6,6 @@ float64, float32 or bfloat16. All are read where they lie, and d comes back as g
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -17,8 +16,8 @@ import numpy as np
 
 from . import _jax, _torch
 from ._numpy import BFLOAT16, DTYPES, Group, Leaf, LeafVectors, addresses
+from ._structure import NODES, leaves_of, mapped, names_of, structure_of
 
-_LISTS, _NODES = (list, tuple), (list, tuple, dict)
 _WIDE = 8  # bytes of a float64, in either order
 _FORM = attrgetter("dtype", "shape")
 
@@ -57,7 +56,7 @@ class TreeVectors(LeafVectors):
         if not own:
             raise ValueError("gradient should have at least one component; found none")
         if self._is_stacked:
-            return [own, leaves_of(self.jacobian, self.gradient) or []]
+            return [own, leaves_of(self.jacobian, self.gradient)]
         if not isinstance(self.jacobian, list | tuple):
             raise ValueError(
                 "jacobian should be a list of rows with the structure of gradient, or have it, with the constraints as "
@@ -68,16 +67,17 @@ class TreeVectors(LeafVectors):
     @cached_property
     def _is_stacked(self) -> bool:
         """Whether J is one tree whose leaves have the constraints as their first axis."""
+        if structure_of(self.jacobian) != structure_of(self.gradient):
+            return False
         own, others = leaves_of(self.gradient, self.gradient), leaves_of(self.jacobian, self.gradient)
-        return others is not None and [*map(np.ndim, others)] == [1 + np.ndim(leaf) for leaf in own or ()]
+        return [*map(np.ndim, others)] == [1 + np.ndim(leaf) for leaf in own]
 
     def _in_order(self, tree: Any, name: str) -> list[Any]:
         """Its leaves; ValueError for another structure than g's."""
-        found = leaves_of(tree, self.gradient)
-        if found is None:
-            wanted, other = _structure(self.gradient), _structure(tree)
-            raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {other}")
-        return found
+        wanted, found = structure_of(self.gradient), structure_of(tree)
+        if found != wanted:
+            raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {found}")
+        return leaves_of(tree, self.gradient)
 
     def _flat(self, name: str, leaves: list[Any], *, is_row: bool = True) -> list[Any]:
         """Leaves of one axis, or of two where J is stacked; copied where their numbers lie in another order.
@@ -102,7 +102,7 @@ class TreeVectors(LeafVectors):
         return found
 
     def _refuse(self, name: str, k: int, wanted: str, found: Any) -> None:
-        raise ValueError(f"{_names(self.gradient, name)[k]} should {wanted}; found {found}")
+        raise ValueError(f"{names_of(self.gradient, name)[k]} should {wanted}; found {found}")
 
     def looked_at(self, leaf: Any) -> Any:
         """The array that a leaf is, without a copy, of bfloat16 its bits; None for what is no array of floats."""
@@ -133,7 +133,7 @@ class TreeVectors(LeafVectors):
         if self._is_stacked:
             m = len(others[0][0])
             forms = [(dtype, (m, *shape)) for _, shape in forms]
-        dtype = _torch.numpys(dtype) if of_torch else dtype
+        dtype = _torch.NUMPYS[str(dtype)] if of_torch else dtype
         return (dtype, counts, m) if all([*map(_FORM, row)] == forms for row in others) else None
 
     @property
@@ -202,56 +202,6 @@ def is_tree(gradient: Any) -> bool:
     return _is_array(gradient)
 
 
-def leaves_of(tree: Any, like: Any) -> list[Any] | None:
-    """Leaves in the order of the other tree; None where its structure is another."""
-    if isinstance(like, dict):
-        if not isinstance(tree, dict) or tree.keys() != like.keys():
-            return None
-        parts, others = [tree[key] for key in like], [*like.values()]
-    elif isinstance(like, _LISTS):
-        if not isinstance(tree, _LISTS) or len(tree) != len(like):
-            return None
-        parts, others = [*tree], [*like]
-    else:
-        return None if isinstance(tree, _NODES) else [tree]
-    if not any(issubclass(kind, _NODES) for kind in {*map(type, parts), *map(type, others)}):
-        return parts
-    found = []
-    for part, other in zip(parts, others, strict=True):
-        leaves = leaves_of(part, other)
-        if leaves is None:
-            return None
-        found += leaves
-    return found
-
-
-def mapped(change: Callable[[Any], Any], tree: Any) -> Any:
-    """The tree of changed leaves; named tuples stay what they are."""
-    if isinstance(tree, dict):
-        return {key: mapped(change, part) for key, part in tree.items()}
-    if isinstance(tree, _LISTS):
-        parts = [mapped(change, part) for part in tree]
-        if isinstance(tree, list):
-            return parts
-        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
-    return change(tree)
-
-
-def _names(tree: Any, name: str) -> list[str]:
-    """Of the leaves, as the caller would write them."""
-    if not isinstance(tree, _NODES):
-        return [name]
-    keys = tree if isinstance(tree, dict) else range(len(tree))
-    return [leaf for key in keys for leaf in _names(tree[key], f"{name}[{key!r}]")]
-
-
-def _structure(tree: Any) -> Any:
-    """What two trees of one structure have alike."""
-    if isinstance(tree, dict):
-        return {key: _structure(part) for key, part in tree.items()}
-    return [_structure(part) for part in tree] if isinstance(tree, _LISTS) else None
-
-
 def _are_side_by_side(arrays: list[Any]) -> bool:
     """Whether they are arrays of NumPy that the passes read as they lie."""
     if {*map(type, arrays)} != {np.ndarray} or arrays[0].dtype not in DTYPES:
@@ -266,7 +216,7 @@ def _is_array(value: Any) -> bool:
 def _described(leaf: Any) -> str:
     if hasattr(leaf, "dtype"):
         return f"{type(leaf).__name__} of {leaf.dtype}, shape {tuple(leaf.shape)}"
-    return f"{_structure(leaf)}" if isinstance(leaf, _NODES) else repr(leaf)
+    return f"{structure_of(leaf)}" if isinstance(leaf, NODES) else repr(leaf)
 
 
 def _library(leaf: Any) -> str:

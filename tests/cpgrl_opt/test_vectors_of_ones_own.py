@@ -268,14 +268,15 @@ FAULTY = np.ones((2, 3))
 FAULTS = [
     ("gramian", None, r"gramian\(\) should be an array of real numbers"),
     ("gramian", FAULTY, r"gramian\(\) should have shape \(2, 2\); found \(2, 3\)"),
-    ("lincomb", None, r"lincomb\(\) should return a vector; found None"),
+    ("lincomb", None, r"lincomb\(\) should return something; found None"),
     ("lincomb", FAULTY, r"extended\(\) should take what lincomb\(\) returns; found that ndarray is"),
-    ("extended", None, r"extended\(\) should return an object with gramian, lincomb and extended; found None"),
+    ("extended", None, r"extended\(\) should return something; found None"),
+    ("extended", 1.0, r"extended\(\) should return an object with gramian, lincomb and extended; found 1.0"),
     ("extended", Kept(NEAR), r"lincomb\(\) should take 4 weights; found that ndarray is an error: matmul"),
     ("extended", Fixed(NEAR), r"gramian\(\) of what extended\(\) returns should have shape \(5, 5\); found \(3, 3\)"),
     ("gramian_in_pairs", None, r"gramian_in_pairs\(\) should be an array of real numbers"),
     ("gramian_in_pairs", FAULTY, r"gramian_in_pairs\(\) should have shape \(2, 3, 3\); found \(2, 3\)"),
-    ("lincomb_in_pairs", None, r"lincomb_in_pairs\(\) should return a vector; found None"),
+    ("lincomb_in_pairs", None, r"lincomb_in_pairs\(\) should return something; found None"),
 ]
 
 
