@@ -206,7 +206,7 @@ def _command(name: str) -> Callable[..., None]:
         experiment = experiment_named(name)
 
     def command(out: Path, strict: bool, jobs: int, checkpoint_every: float, anew: bool, **settings: Any) -> None:
-        lists = {own.name for own in fields(experiment) if not isinstance(own.default, (int, str))}
+        lists = {own.name for own in fields(experiment) if isinstance(own.default, tuple)}
         chosen = {own: _names(value) if own in lists else value for own, value in settings.items()}
         _reproduce(experiment, chosen, out, strict=strict, jobs=jobs, checkpoint_every=checkpoint_every, anew=anew)
 
@@ -228,7 +228,7 @@ def _command(name: str) -> Callable[..., None]:
 
 def _option(own: Any) -> Parameter:
     """Of a setting; lists are words with commas between them."""
-    default = own.default if isinstance(own.default, (int, str)) else ",".join(own.default)
+    default = ",".join(own.default) if isinstance(own.default, tuple) else own.default
     names = own.metadata["names"]
     if isinstance(default, bool):
         names = (f"--{own.name.replace('_', '-')}",)

@@ -34,9 +34,9 @@ class Claim:
             "id": self.id,
             "claim": self.claim,
             "source": self.source,
+            **({"about": self.about} if self.about else {}),
             "measured": {name: float(value) for name, value in self.measured.items()},
             "holds": bool(self.holds),
-            **({"about": self.about} if self.about else {}),
         }
 
 
@@ -54,6 +54,11 @@ class Statement:
     judge: Callable[..., Verdict]
     needs: tuple[str, ...] = ()
     about: str = ""
+
+    def judged(self, evidence: Any) -> Claim:
+        """The claim."""
+        holds, measured, words = self.judge(evidence)
+        return Claim(self.id, self.claim, self.source, measured, words, holds, self.about)
 
 
 @dataclass(frozen=True)
@@ -73,12 +78,7 @@ class Statements:
 
     def judged(self, evidence: Any) -> list[Claim]:
         """Those whose trainings are among the evidence's curves."""
-        claims = []
-        for own in self.all:
-            if set(own.needs) <= set(evidence.curves):
-                holds, measured, words = own.judge(evidence)
-                claims.append(Claim(own.id, own.claim, own.source, measured, words, holds, own.about))
-        return claims
+        return [own.judged(evidence) for own in self.all if set(own.needs) <= set(evidence.curves)]
 
 
 def write_claims(claims: Sequence[Claim], path: Path) -> None:
@@ -92,7 +92,8 @@ def print_claims(claims: Sequence[Claim], console: Console) -> None:
     table = Table("holds", "claim", "measured", title="Claims", title_justify="left", show_lines=True)
     for claim in claims:
         verdict = "[green]yes[/green]" if claim.holds else "[bold red]no[/bold red]"
-        words, source, evidence = (escape(text) for text in (claim.claim, claim.source, claim.evidence))
+        where = f"{claim.source}; {claim.about}" if claim.about else claim.source
+        words, source, evidence = (escape(text) for text in (claim.claim, where, claim.evidence))
         table.add_row(verdict, f"{words} [dim]({source})[/dim]", evidence)
     console.print(table)
     console.print(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold.")

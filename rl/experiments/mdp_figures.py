@@ -8,7 +8,7 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TabularMDP
 
-from .figure_style import BLACK, BLUE, GREEN, PAGE_WIDTH, VERMILION, blank_figure, caption, panel_letter
+from .figure_style import BLACK, BLUE, GREEN, PAGE_WIDTH, PURPLE, VERMILION, blank_figure, caption, panel_letter
 from .learning_curves import LearningCurves, spread
 
 if TYPE_CHECKING:
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-LABELS = {"cpgrl": "CPGRL", "conb": "CONB", "sum": "SUM"}
-COLOURS = {"cpgrl": BLUE, "conb": VERMILION, "sum": GREEN}
+LABELS = {"cpgrl": "CPGRL", "conb": "CONB", "sum": "SUM", "conb-tolerant": r"CONB$_\eta$"}
+COLOURS = {"cpgrl": BLUE, "conb": VERMILION, "sum": GREEN, "conb-tolerant": PURPLE}
+_TOLERANT = r" CONB$_\eta$: with a tolerance."
 _GRID = 81  # points along an edge of a triangle
 
 
@@ -44,7 +45,7 @@ def averages_figure(
         figure,
         f"Average rewards as estimated by eq. (4) from 0 on: mean (line) and standard deviation (band) of {runs} runs. "
         "The optimum is that of the\noccupancy-measure linear programme; a shaded region ends at the threshold $G^i$. "
-        "Insets: the same, magnified.",
+        "Insets: the same, magnified." + (_TOLERANT if "conb-tolerant" in curves else ""),
     )
     return figure
 
@@ -63,7 +64,7 @@ def policies_figure(curves: Mapping[str, LearningCurves], mdp: TabularMDP) -> "F
             image = _grey_triangle(axes, backgrounds[method][state], (low, high))
             _paths(axes, learned.policies[:, :, state, :2], COLOURS[method])
             axes.tick_params(left=state == 0, bottom=row is panels[-1])
-        row[0].set_ylabel(rf"$\bf{{{LABELS[method]}}}$" "\n" r"$\Pr(a_2 \mid s)$", linespacing=1.6)
+        row[0].set_ylabel(rf"$\bf{{{LABELS[method].replace('$', '')}}}$" "\n" r"$\Pr(a_2 \mid s)$", linespacing=1.6)
     for state, axes in enumerate(panels[0]):
         panel_letter(axes, "abc"[state], rf"$s_{state + 1}$")
     for axes in panels[-1]:
@@ -79,7 +80,7 @@ def policies_figure(curves: Mapping[str, LearningCurves], mdp: TabularMDP) -> "F
         f"Policies over the episodes, from the white circle to the coloured one: {runs} runs (thin, small dots at the "
         "end) and their mean (thick).\nThe corners of a triangle are $a_1$ (right), $a_2$ (top) and $a_3$ (origin). "
         "Grey: exact $\\rho^1$ as a function of this state's probabilities,\nthe other states held at the mean of the "
-        "method's last policies.",
+        "method's last policies." + (_TOLERANT if "conb-tolerant" in curves else ""),
     )
     return figure
 

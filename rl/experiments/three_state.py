@@ -12,7 +12,7 @@ runs were looked at. An episode that a short training does not reach is replaced
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from time import process_time
 from types import MappingProxyType
@@ -44,7 +44,8 @@ from .summary import machine, versions
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-METHODS = ("cpgrl", "conb", "sum")
+METHODS = ("cpgrl", "conb", "sum", "conb-tolerant")
+TOLERANCES = (0.0, 0.003, 0.005, 0.006, 0.01)  # η of CONB compared: from none to where it follows Δ¹ in a third
 SOLVERS_COMPARED = ("rosen", "active-set", "rosen-drop", "osqp", "daqp")
 MEASURES = (
     Measure("feasible_from", "feasible from", ".0f"),
@@ -55,7 +56,14 @@ MEASURES = (
     Measure("final_constrained_return", "final constrained return", ".4f"),
     Measure("uncertified", "uncertified steps", ".1f"),
 )
+TOLERANCE_MEASURES = (
+    Measure("objective_share", "updates along Δ¹", ".3f"),
+    *(Measure(f"a1_s{state}", f"Pr(a₁) in s{index}", ".3f") for state, index in enumerate("₁₂₃", 1)),
+    Measure("final_return", "final ρ¹", ".3f"),
+    Measure("final_violation", "final violation", ".4f"),
+)
 STATEMENTS = Statements()
+PRINTED = "CONB as printed"
 VERY_EARLY = 500  # episodes, 5 % of the paper's training
 SETTLED = 1000  # "after 1 × 10³-th episode"
 SMALL = 0.02  # reward per step: what counts as satisfied, as a small spread; the rewards are of order 1
@@ -66,21 +74,22 @@ SECTION, FIG4, FIG5 = "§3.2", "§3.2, Fig. 4", "§3.2, Fig. 5"
 
 @dataclass(frozen=True, kw_only=True)
 class ThreeStateCase(Case):
-    """One of METHODS, or CPGRL compared; drop: "" where the formulation has no drop rule."""
+    """CPGRL, CONB or SUM, or "" for CPGRL compared; drop: "" where the formulation has no drop rule."""
 
     method: str = ""
+    tolerance: float = 0.0
     formulation: str = ""
     drop: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThreeStateExperiment(Experiment):
-    """The paper's first experiment; see `Experiment`.
+    """The paper's first experiment; beside it CONB with a tolerance, `conb-tolerant`, which is ours. See `Experiment`.
 
-    thresholds G², G³, G⁴: reward per step. compare_solvers: names (none: those of SOLVERS_COMPARED that can be used;
-    "all" alone: all that can be used); compare_formulations: names; compare_episodes: updates of a training whose
-    solver is not compiled; compare_tolerance: by which a policy may violate a threshold and count as feasible, in
-    reward per step.
+    thresholds G², G³, G⁴, and the tolerance η of conb-tolerant: reward per step. compare_solvers: names (none: those of
+    SOLVERS_COMPARED that can be used; "all" alone: all that can be used); compare_formulations: names;
+    compare_episodes: updates of a training whose solver is not compiled; compare_tolerance: by which a policy may
+    violate a threshold and count as feasible, in reward per step.
     """
 
     name = "three-state"
@@ -91,12 +100,16 @@ class ThreeStateExperiment(Experiment):
     )
     files = (
         "fig4.png", "fig4.svg", "fig5.png", "fig5.svg", "comparison.csv", "comparison.md", "comparison.json",
+        "tolerances.csv", "tolerances.md",
     )  # fmt: skip
     splits = False  # an update of all runs in lockstep costs little more than one of half of them
 
     steps: int = option(100, "Environment steps of an episode.")
     thresholds: tuple[float, ...] = (0.0, 0.0, 0.0)
-    compare: bool = option(False, "Train CPGRL under other solvers, formulations and drop rules too.")
+    tolerance: float = 0.006
+    compare: bool = option(
+        False, "Train CPGRL under other solvers, formulations and drop rules too, and CONB with other tolerances."
+    )
     compare_solvers: Sequence[str] = option((), "Of --compare; five if empty; or `all`.")
     compare_formulations: Sequence[str] = option(tuple(FORMULATIONS), "Of --compare.")
     compare_episodes: int = option(500, "Of --compare, where a solver is not compiled.")
@@ -119,22 +132,40 @@ class ThreeStateExperiment(Experiment):
             gradient=self.gradient, bias_correction=self.bias_correction,
         )  # fmt: skip
 
-    def learner(self, method: str) -> Learner:
-        """CPGRL, CONB or SUM by its name in METHODS."""
-        if method == "cpgrl":
-            return CPGRL(self.step(), self.thresholds)
-        if method == "conb":
-            return ConstraintSwitching(self.thresholds, step_size=self.step_size)
-        return WeightedSum(step_size=self.step_size)
+    def learner(self, case: ThreeStateCase) -> Learner:
+        """CPGRL, CONB or SUM."""
+        if case.method == "conb":
+            return ConstraintSwitching(self.thresholds, step_size=self.step_size, tolerance=case.tolerance)
+        if case.method == "sum":
+            return WeightedSum(step_size=self.step_size)
+        rule = {"drop": case.drop} if case.drop else {}
+        return CPGRL(self.step(solver=case.solver, formulation=case.formulation, **rule), self.thresholds)
 
     def cases(self) -> list[ThreeStateCase]:
         """The methods, then what is compared."""
-        return [*map(self._of_method, METHODS), *(self.compared if self.compare else ())]
+        cpgrl = self._of("cpgrl", solver=self.solver, formulation=self.formulation, by_cpgrl=True, kept=True)
+        own = [cpgrl, self._of("conb"), self._of("sum"), self._conb(self.tolerance)]
+        if not self.compare:
+            return own
+        return [*own, *(case for case in self.tolerant if case not in own), *self.compared]
 
-    def _of_method(self, method: str) -> ThreeStateCase:
-        own: dict[str, Any] = {"solver": self.solver, "by_cpgrl": True, "kept": True} if method == "cpgrl" else {}
-        every, episodes = self.record_every, self.episodes
-        return ThreeStateCase(label=method, method=method, episodes=episodes, every=every, from_start=True, **own)
+    def _of(self, method: str, label: str = "", **more: Any) -> ThreeStateCase:
+        return ThreeStateCase(
+            label=label or method, method=method, episodes=self.episodes, every=self.record_every, from_start=True,
+            **more,
+        )  # fmt: skip
+
+    def _conb(self, tolerance: float) -> ThreeStateCase:
+        """CONB with a tolerance other than 0; the settings' own has a name, and is in `learning.csv`."""
+        if tolerance == self.tolerance:
+            return self._of("conb", "conb-tolerant", tolerance=tolerance)
+        return self._of("conb", f"conb, tolerance {tolerance:g}", tolerance=tolerance, in_learning=False)
+
+    @property
+    def tolerant(self) -> list[ThreeStateCase]:
+        """CONB with every tolerance compared, none first."""
+        others = sorted({*TOLERANCES, self.tolerance} - {0.0})
+        return [self._of("conb"), *map(self._conb, others)]
 
     @cached_property
     def compared(self) -> list[ThreeStateCase]:
@@ -172,11 +203,9 @@ class ThreeStateExperiment(Experiment):
         self, case: ThreeStateCase, runs: Sequence[int], observe: Observer | None = None
     ) -> tuple[Training, Recorder]:
         """From θ₀ ~ U[0, 1]⁹ of each run."""
-        mdp, timed, learner = ThreeStateMDP(), None, self.learner(case.method)
+        mdp, timed, learner = ThreeStateMDP(), None, self.learner(case)
         if not case.method:
-            rule = {"drop": case.drop} if case.drop else {}
-            step = self.step(solver=solver_named(case.solver), formulation=case.formulation, **rule)
-            learner = timed = _Timed(CPGRL(step, self.thresholds))
+            learner = timed = _Timed(learner)
             observe = timed.observe
         size = mdp.states * mdp.actions
         training = Training(
@@ -200,14 +229,18 @@ class ThreeStateExperiment(Experiment):
         return ThreeStateMDP().constrained_optimum(self.thresholds)
 
     def claims(self, results: Results) -> list[Claim]:
-        """In the paper's order."""
-        return STATEMENTS.judged(self.evidence(results))
+        """In the paper's order; then what they say of CONB, of CONB with a tolerance."""
+        again, about = self.evidence(results, "conb-tolerant"), f"CONB with a tolerance, η = {self.tolerance:g}"
+        return STATEMENTS.judged(self.evidence(results)) + [
+            replace(own.judged(again), id=f"{own.id}-tolerant", about=about) for own in STATEMENTS.all if own.about
+        ]
 
-    def evidence(self, results: Results) -> "Evidence":
-        """What the claims are judged by."""
-        learned = {method: results.curves[method] for method in METHODS}
-        share = results.outcomes["conb"].counted()["objective"] / (self.runs * self.episodes)
-        return Evidence(learned, self.optimum.values, np.array(self.thresholds), share)
+    def evidence(self, results: Results, conb: str = "conb") -> "Evidence":
+        """What the claims are judged by; conb: the training that stands for it."""
+        learned = {"cpgrl": "cpgrl", "conb": conb, "sum": "sum"}
+        share = results.outcomes[conb].counted()["objective"] / (self.runs * self.episodes)
+        curves = {name: results.curves[label] for name, label in learned.items()}
+        return Evidence(curves, self.optimum.values, np.array(self.thresholds), share)
 
     def figures(self, results: Results) -> "dict[str, Callable[[], Figure]]":
         """The paper's Fig. 4 and 5."""
@@ -235,7 +268,7 @@ class ThreeStateExperiment(Experiment):
         return {"final": {name: value.tolist() for name, value in final.items()}}
 
     def comparisons(self) -> list[Comparison]:
-        """Of solvers, formulations and drop rules, if asked for."""
+        """Of solvers, formulations and drop rules, and of CONB's tolerances, if asked for."""
         if not self.compare:
             return []
         return [
@@ -250,7 +283,21 @@ class ThreeStateExperiment(Experiment):
                 cells=with_intervals(self.seed),
                 notes=_notes,
                 details=self.details,
-            )
+            ),
+            Comparison(
+                file="tolerances",
+                title="CONB on the three-state MDP by its tolerance η",
+                legend=(
+                    f"Means over {self.runs} runs with 95 % bootstrap intervals, by the last policies' exact averages. "
+                    "CONB follows Δ¹ where ρ − G > −η in every constraint; as printed, η = 0, that is never. "
+                    "Violation: max (G − ρ)₊."
+                ),
+                headings=("tolerance", "run", "episode"),
+                keys={case.label: (f"{case.tolerance:g}",) for case in self.tolerant},
+                measures=TOLERANCE_MEASURES,
+                measure=self.measured_of_conb,
+                cells=with_intervals(self.seed),
+            ),
         ]
 
     def measured(self, values: Mapping[str, np.ndarray], outcome: Outcome) -> Float[np.ndarray, "R measures"]:
@@ -269,6 +316,12 @@ class ThreeStateExperiment(Experiment):
         feasible_from = np.where(broken.any(axis=1), feasible_from, 0)
         columns = [feasible_from, violation[:, 1:].sum(axis=1), *returns, outcome.counts["uncertified"]]
         return np.asarray(np.column_stack(columns), dtype=np.float64)
+
+    def measured_of_conb(self, learned: LearningCurves, outcome: Outcome) -> Float[np.ndarray, "R measures"]:
+        """A row for each run, of TOLERANCE_MEASURES."""
+        share = outcome.counts["objective"] / outcome.episode
+        violation = learned.violation(np.array(self.thresholds))[:, -1]
+        return np.column_stack([share, learned.policies[:, -1, :, 0], learned.exact[:, -1, 0], violation])
 
     def constrained(self, averages: Float[np.ndarray, "R channels"]) -> Float[np.ndarray, "R"]:
         """ρ¹ − Σ μⁱ(Gⁱ − ρⁱ)₊."""
@@ -498,7 +551,10 @@ def cpgrl_spread_small(evidence: Evidence) -> Verdict:
 
 
 @STATEMENTS.add(
-    "conb-satisfies-constraints", "The CONB also obtained the policy parameters satisfying constraints", FIG4
+    "conb-satisfies-constraints",
+    "The CONB also obtained the policy parameters satisfying constraints",
+    FIG4,
+    about=PRINTED,
 )
 def conb_satisfies(evidence: Evidence) -> Verdict:
     """CONB's mean violation ≤ SMALL at the end."""
@@ -508,7 +564,7 @@ def conb_satisfies(evidence: Evidence) -> Verdict:
     return worst <= SMALL, measured, words
 
 
-@STATEMENTS.add("conb-takes-longer", "but it took a longer time than the CPGRL", FIG4)
+@STATEMENTS.add("conb-takes-longer", "but it took a longer time than the CPGRL", FIG4, about=PRINTED)
 def conb_slower(evidence: Evidence) -> Verdict:
     """CONB's constraints are satisfied within TIGHT for good 1.25 times later than CPGRL's, or later still."""
     cpgrl, conb = evidence.satisfied_from("cpgrl"), evidence.satisfied_from("conb")
@@ -534,7 +590,7 @@ def cpgrl_reaches_optimum(evidence: Evidence) -> Verdict:
     return first < last and last >= best - 0.05 * abs(best), measured, words
 
 
-@STATEMENTS.add("conb-fails-to-maximise", "the CONB failed to maximize the average reward of r¹", FIG4)
+@STATEMENTS.add("conb-fails-to-maximise", "the CONB failed to maximize the average reward of r¹", FIG4, about=PRINTED)
 def conb_fails_to_maximise(evidence: Evidence) -> Verdict:
     """Mean final ρ¹ at most three quarters of the optimum."""
     last, best = evidence.final("conb")[:, 0], float(evidence.optimum[0])
@@ -548,6 +604,7 @@ def conb_fails_to_maximise(evidence: Evidence) -> Verdict:
     "conb-rarely-follows-r1",
     "the CONB failed to improve the average reward of r¹ because the gradient of r¹ was rarely selected",
     FIG5,
+    about=PRINTED,
 )
 def conb_rarely_follows_r1(evidence: Evidence) -> Verdict:
     """At most 10 % of CONB's updates go along Δ¹; 0 here, since ρ² + ρ³ + ρ⁴ = 0 (docs/reproduction.md, slip 6)."""
@@ -558,7 +615,10 @@ def conb_rarely_follows_r1(evidence: Evidence) -> Verdict:
 
 
 @STATEMENTS.add(
-    "conb-spreads-more", "the standard deviation estimated by the CONB was larger than that of the CPGRL", FIG4
+    "conb-spreads-more",
+    "the standard deviation estimated by the CONB was larger than that of the CPGRL",
+    FIG4,
+    about=PRINTED,
 )
 def conb_spreads_more(evidence: Evidence) -> Verdict:
     """In every channel CONB's spread is twice CPGRL's or more, estimated as in Fig. 4 and exact."""
@@ -592,7 +652,7 @@ def sum_violates_r3(evidence: Evidence) -> Verdict:
     return least >= 0.3, measured, words
 
 
-@STATEMENTS.add("sum-best-r1", "the SUM obtained the best average reward on r¹", FIG4)
+@STATEMENTS.add("sum-best-r1", "the SUM obtained the best average reward on r¹", FIG4, about=PRINTED)
 def sum_best_reward(evidence: Evidence) -> Verdict:
     """SUM's mean final ρ¹ at least 1.2 times CPGRL's and CONB's."""
     last = {method: float(evidence.final(method)[:, 0].mean()) for method in evidence.curves}
@@ -606,6 +666,7 @@ def sum_best_reward(evidence: Evidence) -> Verdict:
     "all-choose-a1-in-s1",
     "all methods could obtain appropriate action at the state s₁ (Pr(a₁|s₁) = 1 is optimal)",
     FIG5,
+    about=PRINTED,
 )
 def all_choose_a1_in_s1(evidence: Evidence) -> Verdict:
     """Mean Pr(a₁|s₁) ≥ 0.9 in all three methods."""
@@ -632,6 +693,7 @@ def cpgrl_chooses_a1(evidence: Evidence) -> Verdict:
     "conb-and-sum-inappropriate-in-s2-s3",
     "the CONB and SUM obtained inappropriate actions at the states s₂ and s₃",
     FIG5,
+    about=PRINTED,
 )
 def conb_and_sum_inappropriate(evidence: Evidence) -> Verdict:
     """Mean Pr(a₁|s) ≤ CHOSEN in s₂ and s₃ for both; SUM in s₃ ends near a₁ in about half of the runs, and slowly."""

@@ -17,18 +17,23 @@ from .settings import require_step_size, threshold_vector
 
 @dataclass(frozen=True, init=False, eq=False)
 class ConstraintSwitching:
-    """θ ← θ + α₁ Δ¹ if ρⁱ − Gⁱ > 0 for all i, else θ + α₁ Δʲ, j = argmin ρⁱ − Gⁱ.
+    """θ ← θ + α₁ Δ¹ if ρⁱ − Gⁱ > −η for all i, else θ + α₁ Δʲ, j = argmin ρⁱ − Gⁱ.
 
-    thresholds Gⁱ: (m,), per environment step. Where some rewards sum to 0 and their thresholds are 0, as in the
-    three-state MDP, the first case never holds (docs/reproduction.md, slip 6). Source: §3.1 of the paper, CONB.
+    thresholds Gⁱ: (m,), per environment step; tolerance η ≥ 0, in the same unit: 0 in the paper. Where some rewards sum
+    to 0 and their thresholds are 0, as in the three-state MDP, the first case never holds without a tolerance
+    (docs/reproduction.md, slip 6). Source: §3.1 of the paper, CONB; the tolerance is ours, as in CRPO (2021).
     """
 
     thresholds: Float[np.ndarray, "m"]
     step_size: float
+    tolerance: float
 
-    def __init__(self, thresholds: ArrayLike, *, step_size: float = 0.02) -> None:
+    def __init__(self, thresholds: ArrayLike, *, step_size: float = 0.02, tolerance: float = 0.0) -> None:
+        if not 0 <= tolerance < np.inf:
+            raise ValueError(f"tolerance should be a finite number ≥ 0; found {tolerance!r}")
         object.__setattr__(self, "thresholds", threshold_vector(thresholds))
         object.__setattr__(self, "step_size", require_step_size(step_size))
+        object.__setattr__(self, "tolerance", float(tolerance))
 
     def update(
         self,
@@ -39,7 +44,7 @@ class ConstraintSwitching:
         """One gradient's step; counts `objective`, the updates along Δ¹."""
         require_shape("thresholds", self.thresholds, linearization.jacobian.shape[1:2])
         slack = linearization.slack(self.thresholds)
-        active = np.less_equal(slack, 0, dtype=np.bool_)
+        active = np.less_equal(slack, -self.tolerance, dtype=np.bool_)
         violated = active.any(axis=1)
         # channel 0 is Δ¹, channel j + 1 the j-th constraint; without constraints there is nothing to switch to
         channel = np.where(violated, slack.argmin(axis=1) + 1 if slack.shape[1] else 0, 0)

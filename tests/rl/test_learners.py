@@ -46,6 +46,17 @@ def test_conb_never_follows_the_objective_when_constraint_values_sum_to_zero() -
     assert not update.counts["objective"].any()
 
 
+def test_conb_with_a_tolerance_follows_the_objective_where_nothing_is_violated_by_as_much() -> None:
+    update = ConstraintSwitching([0, 0, 0], tolerance=0.3).update(LINEARIZATION)
+    np.testing.assert_array_equal(update.counts["objective"], [1, 0, 1, 0])  # −0.3 is not > −0.3
+    np.testing.assert_array_equal(update.active, VALUES[:, 1:] <= -0.3)
+    expected = [GRADIENTS[0, 0], GRADIENTS[1, 3], GRADIENTS[2, 0], GRADIENTS[3, 1]]
+    np.testing.assert_array_equal(update.change, 0.02 * np.array(expected))
+    for wrong in (-0.1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="tolerance should be a finite number ≥ 0; found"):
+            ConstraintSwitching([0, 0, 0], tolerance=wrong)
+
+
 def test_sum_follows_the_sum_of_all_gradients() -> None:
     update = WeightedSum(step_size=0.1).update(LINEARIZATION)
     expected = GRADIENTS[:, 0] + GRADIENTS[:, 1] + GRADIENTS[:, 2] + GRADIENTS[:, 3]

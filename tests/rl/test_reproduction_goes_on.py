@@ -30,7 +30,7 @@ COMPARED = replace(
 )  # fmt: skip
 KINDS = {"three-state": CHAIN, "three-state compared": COMPARED, "arm": ARM}
 CPGRL = "cpgrl, 0 to 1.npz"
-SAME = ("learning.csv", "claims.json", "subproblems.npz", "compare.csv", "comparison.csv")
+SAME = ("learning.csv", "claims.json", "subproblems.npz", "compare.csv", "comparison.csv", "tolerances.csv")
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +56,7 @@ def undisturbed(tmp_path_factory):
             reproduce(kind, directory)
             found[kind] = contents(directory)
             assert not (directory / FOLDER).exists()
-    assert [len(files) for files in found.values()] == [3, 4, 4]
+    assert [len(files) for files in found.values()] == [3, 5, 4]
     return found
 
 

@@ -133,7 +133,7 @@ def test_no_policy_has_a_constrained_return_above_the_optimum():
 
 def test_files_hold_every_run_and_the_table_the_intervals(finished, outcomes):
     done, directory = finished
-    ((_, table),) = done.tables
+    (_, table), _ = done.tables
     with (directory / "comparison.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(outcomes) * TINY.runs
@@ -145,6 +145,29 @@ def test_files_hold_every_run_and_the_table_the_intervals(finished, outcomes):
     assert text.count("\n| ") == len(outcomes) + 2
     assert "fewer updates" in text
     assert len(json.loads((directory / "comparison.json").read_text(encoding="utf-8"))["cases"]) == len(outcomes)
+
+
+def test_conb_is_tabulated_by_its_tolerance_the_named_ones_trained_once(finished):
+    done, directory = finished
+    results = done.results
+    with (directory / "tolerances.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["tolerance"] for row in rows[:: TINY.runs]] == ["0", "0.003", "0.005", "0.006", "0.01"]
+    labels = ["conb", "conb, tolerance 0.003", "conb, tolerance 0.005", "conb-tolerant", "conb, tolerance 0.01"]
+    assert [label for label in results.outcomes if label.startswith("conb")] == [
+        labels[0],
+        labels[3],
+        *labels[1:3],
+        labels[4],
+    ]
+    for label, row in zip(labels, rows[:: TINY.runs], strict=True):
+        learned, counts = results.curves[label], results.outcomes[label].counts
+        assert float(row["objective_share"]) == pytest.approx(counts["objective"][0] / TINY.episodes)
+        assert float(row["a1_s2"]) == pytest.approx(learned.policies[0, -1, 1, 0])
+        assert float(row["final_violation"]) == pytest.approx(max(0.0, -learned.exact[0, -1, 1:].min()))
+    shares = [float(row["objective_share"]) for row in rows]
+    assert shares[0] == 0 < max(shares)
+    assert len((directory / "tolerances.md").read_text(encoding="utf-8").split("\n| ")) == 1 + 2 + len(labels)
 
 
 def test_intervals_cover_the_mean_as_often_as_they_say():

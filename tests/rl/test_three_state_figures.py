@@ -6,7 +6,8 @@ import pytest
 from envs import ThreeStateMDP
 from rl.experiments.figure_style import paper_style
 from rl.experiments.learning_curves import LearningCurves
-from rl.experiments.mdp_figures import averages_figure, policies_figure
+from rl.experiments.mdp_figures import LABELS, averages_figure, policies_figure
+from rl.experiments.three_state import METHODS
 
 EPISODES = np.arange(0, 501, 100)
 
@@ -15,10 +16,10 @@ EPISODES = np.arange(0, 501, 100)
 def curves():
     rng = np.random.default_rng(0)
     mdp = ThreeStateMDP()
-    policies = rng.dirichlet(np.ones(3), size=(3, 4, len(EPISODES), 3))
+    policies = rng.dirichlet(np.ones(3), size=(4, 4, len(EPISODES), 3))
     return {
         method: LearningCurves(EPISODES, rng.normal(size=(4, len(EPISODES), 4)), mdp.average_rewards(own), own)
-        for method, own in zip(("cpgrl", "conb", "sum"), policies, strict=True)
+        for method, own in zip(METHODS, policies, strict=True)
     }
 
 
@@ -32,7 +33,7 @@ def test_fig4_shows_means_optimum_and_thresholds(curves):
     panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
     assert len(panels) == 4
     for channel, axes in enumerate(panels):
-        for method, label in (("cpgrl", "CPGRL"), ("conb", "CONB"), ("sum", "SUM")):
+        for method, label in LABELS.items():
             mean = curves[method].estimated[:, :, channel].mean(axis=0)
             np.testing.assert_allclose(line(axes, label).get_xydata(), np.column_stack([EPISODES, mean]))
         assert line(axes, "exact constrained optimum").get_ydata()[0] == optimum[channel]

@@ -14,13 +14,15 @@ from rl.experiments.records import Records
 from rl.experiments.records import train as train_all
 from rl.experiments.runner import files_of, remarks, reproduce
 from rl.experiments.share import train_share
-from rl.experiments.three_state import METHODS, ThreeStateExperiment
+from rl.experiments.three_state import METHODS, PRINTED, ThreeStateExperiment
 
 SMALL = ThreeStateExperiment(runs=5, episodes=3000)
 TINY = ThreeStateExperiment(runs=2, episodes=25, steps=20, record_every=10)
 COLUMNS = ["method", "run", "episode"] + [f"{kind}_{i}" for kind in ("estimated", "exact") for i in (1, 2, 3, 4)]
 # Pr(a₁|s₁) of CONB is about a half under the transitions taken (docs/reproduction.md §2).
 CONTRADICTED = {"all-choose-a1-in-s1"}
+# With a tolerance it is a matter of time: Pr(a₁|s₁) = 0.92 at the end, and ρ¹ = 82 % of the optimum, not ≤ 75 %.
+TOLERANT_EARLY, TOLERANT_LATE = {"all-choose-a1-in-s1-tolerant"}, {"conb-fails-to-maximise-tolerant"}
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +43,19 @@ def trained(settings, directory: Path, **options) -> bytes:
 
 def test_the_papers_claims_hold_at_a_small_size(small):
     done, _ = small
-    assert {claim.id for claim in done.claims if not claim.holds} == CONTRADICTED
+    assert {claim.id for claim in done.claims if not claim.holds} == CONTRADICTED | TOLERANT_EARLY
+    printed = [claim for claim in done.claims if claim.about == PRINTED]
+    assert [claim.id for claim in done.claims[14:]] == [f"{claim.id}-tolerant" for claim in printed]
+    assert {claim.about for claim in done.claims[14:]} == {"CONB with a tolerance, η = 0.006"}
+    assert [claim.about for claim in done.claims if "conb" in claim.id].count("") == 0
 
 
 def test_every_file_is_written_and_nothing_else(small):
     _, directory = small
     assert {path.name for path in directory.iterdir()} == {
-        name for name in files_of(ThreeStateExperiment) if not name.startswith(("subproblems", "comparison"))
+        name
+        for name in files_of(ThreeStateExperiment)
+        if not name.startswith(("subproblems", "comparison", "tolerances"))
     }
 
 
@@ -81,9 +89,9 @@ def test_exact_averages_are_those_of_the_policies_and_obey_the_rewards_sum(small
 
 def test_the_last_row_is_after_the_last_update_and_the_first_before_any(tmp_path):
     results = train_all(TINY, tmp_path)
-    assert [learned.episodes.tolist() for learned in results.curves.values()] == [[0, 10, 20, 25]] * 3
+    assert [learned.episodes.tolist() for learned in results.curves.values()] == [[0, 10, 20, 25]] * 4
     *_, last = train(
-        ThreeStateMDP(), SoftmaxTable(3, 3), TINY.estimator(), TINY.learner("conb"),
+        ThreeStateMDP(), SoftmaxTable(3, 3), TINY.estimator(), TINY.learner(TINY.cases()[1]),
         episodes=25, runs=2, seed=TINY.seed, initial=uniform_parameters(9),
     )  # fmt: skip
     conb, table = results.curves["conb"], SoftmaxTable(3, 3)
@@ -157,7 +165,7 @@ def test_figures_are_a_printed_page_wide_as_png_and_svg(small, name):
     pixels = imread(directory / f"{name}.png")
     assert pixels.shape[1] == 1380  # 6.9 inches at 200 dpi
     colours = (pixels[..., :3] * 255).round().astype(np.uint8)
-    for method in ((0, 114, 178), (213, 94, 0), (0, 158, 115)):
+    for method in ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)):
         assert (colours == method).all(axis=2).any()
     assert ElementTree.parse(directory / f"{name}.svg").getroot().tag.endswith("svg")
 
@@ -188,7 +196,7 @@ def test_another_solver_and_formulation_climb_to_the_same_place(tmp_path):
 @pytest.mark.slow
 def test_the_papers_claims_hold_at_full_size(tmp_path):
     done = reproduce(ThreeStateExperiment(), tmp_path, processes=2)
-    assert {claim.id for claim in done.claims if not claim.holds} == CONTRADICTED
+    assert {claim.id for claim in done.claims if not claim.holds} == CONTRADICTED | TOLERANT_LATE
     final = done.results.curves["cpgrl"].exact[:, -1]
     assert final[:, 0].mean() > 0.98
     np.testing.assert_allclose(final[:, 1:], 0, atol=0.01)
