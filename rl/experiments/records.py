@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from cpgrl_opt.solvers import solver_named
+from cpgrl_opt.solvers.packages import require_packages
 
 from ..parallel import split
 from .checkpoints import Checkpoints
 from .experiment import Experiment, Results
 from .messages import Block, Message, Outcome, joined
 from .share import Share, train_share
-from .solver_cases import require_installed
 from .tidy_csv import TidyCsv
 from .workers import run_tasks
 
@@ -51,7 +51,7 @@ def train(
     """
     cases = experiment.cases()
     for solver in {case.solver for case in cases if case.solver}:
-        require_installed(solver_named(solver))
+        require_packages(solver_named(solver))  # before a training rather than in its middle
     parts = parts_for(experiment, processes)
     shares = shared_out(experiment, parts if checkpoints is None else checkpoints.parts(parts))
     with Records(experiment, directory) as records:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from cpgrl_opt import DirectionProblem
-from cpgrl_opt.solvers import is_usable, supports
+from cpgrl_opt.solvers import supports
 
 # One problem as each formulation of a step makes them.
 _EXAMPLES = {
@@ -17,9 +17,3 @@ _EXAMPLES = {
 def cases(solver: Any) -> list[str]:
     """The formulations whose problems the solver takes; the others it hands to active-set."""
     return [name for name, problem in _EXAMPLES.items() if supports(solver, problem)]
-
-
-def require_installed(solver: Any) -> None:
-    """MissingPackageError, with the command to type or the reason, before a training rather than in its middle."""
-    if not is_usable(solver):
-        solver.solve(_EXAMPLES["equality"])

@@ -14,8 +14,8 @@ from cpgrl_opt.comparison.command import Request, run_command
 from cpgrl_opt.comparison.measurement import Measurement, write_measurements
 from cpgrl_opt.comparison.runner import open_checkpoint
 from cpgrl_opt.solvers import UnusablePackageError, is_installed, is_usable, obstacle
+from cpgrl_opt.solvers.packages import require_packages
 from rl.cli import app
-from rl.experiments.solver_cases import require_installed
 from rl.experiments.three_state import ThreeStateExperiment
 
 LIBGOMP = "libgomp.so.1: cannot open shared object file"
@@ -67,7 +67,7 @@ def test_by_name_it_raises_with_the_reason(name: str, package: str, break_packag
     with pytest.raises(UnusablePackageError, match=match):
         SOLVERS[name].solve(DirectionProblem([1.0, 1.0], [[-1.0, 0.0]]))
     with pytest.raises(UnusablePackageError, match=match):  # before a training, not in its middle
-        require_installed(SOLVERS[name])
+        require_packages(SOLVERS[name])
 
 
 def test_a_comparison_of_all_goes_on_with_the_others_and_says_so(
