@@ -1,20 +1,23 @@
-"""The gate that problems and batches of problems pass: arrays checked once, or a ValueError that says why not."""
+"""The gate that problems, batches and steps pass: what comes in is checked once, or a ValueError says why not."""
 
-from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from .arrays import ArrayLike, Float
+from .metric import validated_metric
+from .metric_operator import ITERATIONS, TOLERANCE, require_limits
 from .validation import (
+    boolean_array,
     finite_array,
     freeze,
+    is_finite,
     is_number,
-    mask_array,
     read_only,
     real_array,
+    real_values,
     real_view,
     require_shape,
 )
@@ -35,8 +38,8 @@ def check_arrays(
     if axes == 1:
         _require_kind_of(gradient, jacobian)
     g, J = finite_array("gradient", gradient, axes), finite_array("jacobian", jacobian, axes + 1)
-    require_gradient_shape(g, J.shape)
-    return freeze(g), freeze(J), *check_bounds(bound, equality, J.shape[:-1])
+    _require_gradient_shape(g, J.shape)
+    return g, J, *check_bounds(bound, equality, J.shape[:-1])
 
 
 def _require_kind_of(gradient: Any, jacobian: Any) -> None:
@@ -53,15 +56,13 @@ def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarr
 
     To judge all else takes as long as a solve. A view of a read-only copy cannot be made writable.
     """
-    if type(gradient) is not np.ndarray or type(jacobian) is not np.ndarray:
-        return None
-    if type(bound) is float:
-        bound = np.full(jacobian.shape[:-1], bound)
-    if type(bound) is not np.ndarray:
-        return None
-    if not (gradient.dtype is jacobian.dtype is bound.dtype is _FLOAT64) or jacobian.ndim != axes + 1:
+    if type(gradient) is not np.ndarray or type(jacobian) is not np.ndarray or jacobian.ndim != axes + 1:
         return None
     shape = jacobian.shape
+    if type(bound) is float:
+        bound = _spread(bound, shape[:-1])
+    if type(bound) is not np.ndarray or not (gradient.dtype is jacobian.dtype is bound.dtype is _FLOAT64):
+        return None
     if gradient.shape != (*shape[:-2], shape[-1]) or bound.shape != shape[:-1] or shape[-1] == 0:
         return None
     packed = np.concatenate((gradient.ravel(), jacobian.ravel(), bound.ravel()))
@@ -73,7 +74,7 @@ def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarr
     return (g, J, b) if axes == 1 else (g.reshape(gradient.shape), J, b.reshape(bound.shape))
 
 
-def require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None:
+def _require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None:
     """ValueError unless g belongs to a J of this shape, and has a component."""
     require_shape("gradient", gradient, (*shape[:-2], shape[-1]))
     if shape[-1] == 0:
@@ -89,21 +90,52 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
         vectors = kind_of(gradient, jacobian)
         if vectors is not None:
             return vectors
-    if type(jacobian) is not np.ndarray:
-        jacobian = [*map(_in_memory, jacobian)] if isinstance(jacobian, list | tuple) else _in_memory(jacobian)
-    if type(jacobian) is np.ndarray:
-        if jacobian.ndim != 2 or not is_long(*jacobian.shape):
-            return None
-        rows: Any = real_view("jacobian", jacobian, 2)
+    rows: Any = jacobian
+    if type(rows) is not np.ndarray:
+        rows = tuple(map(_in_memory, rows)) if isinstance(rows, list | tuple) else _in_memory(rows)
+    if type(rows) is np.ndarray:
+        shape = rows.shape
+    elif isinstance(rows, tuple) and rows and all(map(_is_vector, rows)) and len({len(row) for row in rows}) == 1:
+        shape = len(rows), len(rows[0])
     else:
-        if not isinstance(jacobian, list) or not all(map(_is_vector, jacobian)):
-            return None
-        rows = tuple(map(read_only, jacobian))
-        if not rows or len({len(row) for row in rows}) > 1 or not is_long(len(rows), len(rows[0])):
-            return None
+        return None
+    if len(shape) != 2 or not is_long(*shape):
+        return None
+    rows = tuple(map(read_only, rows)) if isinstance(rows, tuple) else real_view("jacobian", rows, 2)
     view = ArrayVectors(real_view("gradient", gradient, 1), rows)
-    require_gradient_shape(view.gradient, rows.shape if isinstance(rows, np.ndarray) else (len(rows), len(rows[0])))
+    _require_gradient_shape(view.gradient, shape)
     return view
+
+
+def _in_memory(value: Any) -> Any:
+    """A file that is mapped into memory as the array that it is."""
+    return value.view(np.ndarray) if type(value) is np.memmap else value
+
+
+def _is_vector(row: object) -> bool:
+    return type(row) is np.ndarray and row.ndim == 1 and row.dtype == np.float64
+
+
+def check_metric(metric: Any, n: int, tolerance: Any = TOLERANCE, iterations: Any = ITERATIONS) -> tuple[Any, Any]:
+    """(M, L) of `validated_metric`; tolerance, iterations: of M⁻¹, where M is a function."""
+    require_limits(tolerance, iterations)
+    if isinstance(metric, type) or n == 0:
+        raise ValueError(f"metric should be None, (n,), (n, n) or a function v ↦ Mv; found {metric!r}")
+    return validated_metric(metric, n, tolerance, iterations)
+
+
+def check_metrics(metric: Any, count: int, n: int, *limits: Any) -> list[tuple[Any, Any]]:
+    """(M, L) of each problem of a batch; one for all is factorized once."""
+    if callable(metric):
+        return [check_metric(metric, n, *limits)] * count
+    given = real_values("metric", metric)
+    is_one = given.ndim == 1 or (given.ndim == 3 and len(given) == 1)
+    if given.ndim not in (1, 2, 3) or not (is_one or len(given) == count):
+        raise ValueError(
+            f"metric should have one entry a problem, {count} of (n,) or (n, n), or be one for all; found {given.shape}"
+        )
+    pairs = [check_metric(each, n, *limits) for each in (given[None] if given.ndim == 1 else given)]
+    return pairs * count if is_one else pairs
 
 
 def metric_of_rows(vectors: Vectors, metric: Any) -> Any:
@@ -126,20 +158,9 @@ def require_no_metric(vectors: Vectors, metric: Any) -> None:
         raise ValueError("metric should be None where gradient is an object: its `gramian` is the inner product")
 
 
-def _in_memory(value: Any) -> Any:
-    """A file that is mapped into memory as the array that it is."""
-    return value.view(np.ndarray) if type(value) is np.memmap else value
-
-
-def _is_vector(row: object) -> bool:
-    return type(row) is np.ndarray and row.ndim == 1 and row.dtype == np.float64
-
-
 def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
     """The radius of each problem of a batch, or one for all; ValueError unless they are so many, finite and > 0."""
-    if is_number(radius):
-        radius = np.full(count, radius, np.float64)
-    radii = finite_array("radius", radius, 1)
+    radii = finite_array("radius", np.full(count, radius) if is_number(radius) else radius, 1)
     require_shape("radius", radii, (count,))
     if not (radii > 0).all():
         raise ValueError(f"radius should be > 0; found {radii.min()}")
@@ -148,27 +169,22 @@ def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
 
 def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
     """b and E, of each row or one for all."""
-    if isinstance(bound, bool | np.bool_) or getattr(bound, "dtype", None) == np.bool_:
-        raise ValueError(f"bound should be numbers, and equality truth values; found the bound {bound!r}")
     is_equality = _check_equality(equality, shape)
-    if type(bound) is float and -np.inf < bound < np.inf:
+    if type(bound) is float and isfinite(bound):
         return _spread(bound, shape), is_equality
-    if type(bound) is np.ndarray and bound.dtype is _FLOAT64 and bound.shape == shape:
-        copied = freeze(bound.copy())
-        if isfinite(np.vdot(copied, copied)):
-            return copied, is_equality
-    b = _of_each_row("bound", partial(real_array, ndim=None), bound, shape)
-    if not (b < np.inf).all():  # NaN fails the comparison too
-        raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
-    if (is_equality & (b == -np.inf)).any():
-        raise ValueError("bound should be finite on an equality; found −inf")
-    return freeze(b), is_equality
+    b = _fill("bound", real_array("bound", bound, None), shape)
+    if not is_finite(b):
+        if not (b < np.inf).all():  # NaN fails the comparison too
+            raise ValueError("bound should be finite, or −inf on an inequality; found NaN or +inf")
+        if (is_equality & (b == -np.inf)).any():
+            raise ValueError("bound should be finite on an equality; found −inf")
+    return b, is_equality
 
 
 def _check_equality(equality: Any, shape: tuple[Any, ...]) -> np.ndarray:
     if type(equality) is bool:
         return _spread(equality, shape)
-    return freeze(_of_each_row("equality", mask_array, equality, shape))
+    return _fill("equality", freeze(np.array(boolean_array("equality", equality), order="C")), shape)
 
 
 @lru_cache(maxsize=32, typed=True)  # 0.0 is not False
@@ -177,10 +193,8 @@ def _spread(value: float | bool, shape: tuple[Any, ...]) -> np.ndarray:
     return freeze(np.full(shape, value))
 
 
-def _of_each_row(
-    name: str, checked: Callable[[str, ArrayLike], np.ndarray], values: ArrayLike, shape: tuple[Any, ...]
-) -> np.ndarray:
-    array = checked(name, values)
-    array = np.full(shape, array) if array.ndim == 0 else array
+def _fill(name: str, array: np.ndarray, shape: tuple[Any, ...]) -> np.ndarray:
+    """The array, or the one number for all that it is."""
+    array = freeze(np.full(shape, array)) if array.ndim == 0 else array
     require_shape(name, array, shape)
     return array

@@ -41,12 +41,9 @@ class StepRun:
         moves, still = self.settle(constraints, moves)
         multipliers = np.where(constraints.active, constraints.original(moves[0].multipliers), 0.0)
         change = self.change(moves, n)
-        skipped = self.counts["skipped"] > 0
-        change[skipped], still[skipped], multipliers[skipped] = (
-            0.0,
-            False,
-            0.0,
-        )  # a failed solver's zeros are no optimum
+        skipped = self.counts["skipped"] > 0  # a failed solver's zeros are no optimum
+        for answer in (change, still, multipliers):
+            answer[skipped] = 0
         if self.settings.radius is not None and len(moves) > 1:
             longest = self.settings.step_size * self.settings.radius  # type: ignore[operator]
             self.counts["long"] += lengths(change) > longest * (1.0 + tolerance_of(self.settings.solver))

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from .arrays import ArrayLike, Bool, Float, Number
-from .validation import real_values, require_nonnegative, require_number
+from .validation import boolean_array, real_values, require_nonnegative, require_number, require_shape
 
 
 @runtime_checkable
@@ -30,7 +30,7 @@ def violated(
 ) -> Bool[np.ndarray, "*runs m"]:
     """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3)."""
     require_nonnegative("margin", margin)
-    return np.asarray(real_values("slack", slack) <= margin)
+    return np.asarray(_check_slack(slack) <= margin)
 
 
 def hysteresis(
@@ -44,9 +44,20 @@ def hysteresis(
     for name, value in (("enter", enter), ("leave", leave)):
         require_number(name, value)
     require_nonnegative("leave − enter", leave - enter)
-    slack = real_values("slack", slack)
+    slack = _check_slack(slack)
     entered = slack <= enter
-    return entered if previous is None else entered | (previous & (slack <= leave))
+    if previous is None:
+        return entered
+    previous = boolean_array("previous", previous)
+    require_shape("previous", previous, slack.shape)
+    return entered | (previous & (slack <= leave))
+
+
+def _check_slack(slack: ArrayLike) -> Float[np.ndarray, "*runs m"]:
+    array = real_values("slack", slack)
+    if np.isnan(array).any():  # which no comparison would tell: a constraint would never be active
+        raise ValueError("slack should have no NaN; found some")
+    return array
 
 
 ACTIVE_SET_RULES: dict[str, ActiveSetRule] = {"violated": violated, "hysteresis": hysteresis}

@@ -16,7 +16,7 @@ Source: §2.3 of the paper; Moreau 1962 for the first.
 
 import numpy as np
 
-from .arrays import Bool, Float, Int, Number
+from .arrays import Bool, Float, Number
 from .formulation import FORMULATIONS, ActiveConstraints
 from .projection import largest_multipliers, unit_multipliers
 from .scaling import lengths
@@ -44,23 +44,14 @@ def has_positive_multipliers(constraints: ActiveConstraints) -> Bool[np.ndarray,
 
 def leaving_constraints(constraints: ActiveConstraints, *, raw: bool = False) -> Bool[np.ndarray, "B m"]:
     """What is dropped of 𝒜 in runs that have positive multipliers. raw: compare λᵢ instead of λ̂ᵢ, as printed."""
-    unit, size, exponents = _unit_vectors(constraints.gradients)
+    size = lengths(constraints.gradients)
+    size = np.where(size > 0.0, size, 1.0)
+    unit = constraints.gradients / size[:, :, None]
     rows = np.where(constraints.active[:, :, None], unit[:, 1:], 0.0)
     hats = np.where(constraints.active, unit_multipliers(rows, unit[:, 0]), 0.0)  # rounding leaves some of no row
     largest = hats.max(axis=1, initial=0.0, keepdims=True)
     # Where even the largest is below NEGLIGIBLE it leaves: no λ ≤ 0 exists, and the search must get on.
     positive = constraints.active & (hats >= np.minimum(NEGLIGIBLE, largest))
     with np.errstate(over="ignore"):
-        harm = constraints.original(np.ldexp(hats / size[:, 1:], -exponents[:, 1:])) if raw else hats
+        harm = constraints.original(hats / size[:, 1:]) if raw else hats
     return largest_multipliers(harm, hats, positive)
-
-
-def _unit_vectors(
-    vectors: Float[np.ndarray, "B k n"],
-) -> tuple[Float[np.ndarray, "B k n"], Float[np.ndarray, "B k"], Int[np.ndarray, "B k"]]:
-    """v/‖v‖ (0 where v = 0), s and e with ‖v‖ = s·2ᵉ; each the same whatever vectors stand beside it."""
-    _, exponents = np.frexp(np.abs(vectors).max(axis=2, initial=0.0))
-    scaled = np.ldexp(vectors, -exponents[:, :, None])
-    size = np.sqrt(np.vecdot(scaled, scaled))
-    size = np.where(size > 0, size, 1.0)
-    return scaled / size[:, :, None], size, exponents

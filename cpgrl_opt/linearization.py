@@ -1,5 +1,6 @@
 """Values and gradients of all reward channels at θ: what a gradient estimator hands to a step."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -39,7 +40,10 @@ class Linearization:
             return
         values = real_values("values", values)
         if type(gradients) is not np.ndarray or gradients.dtype != np.float64:
-            tree = channels_of(gradients, len(values)) if values.ndim == 1 else None  # a list may be one of runs else
+            try:  # a list may be one of runs else
+                tree = channels_of(gradients, len(values)) if values.ndim == 1 else None
+            except (TypeError, IndexError) as error:  # a leaf without channels
+                raise ValueError(f"gradients should have the channels as axis of each leaf; found {error}") from error
             if tree is not None:
                 self._take_apart(values, tree)
                 return
@@ -112,14 +116,8 @@ class Linearization:
         return self.gradients[..., 1:, :]
 
     def whitened(self, whitening: Whitening) -> "Linearization":
-        """The same in the coordinates where M = LLᵀ is I, the gradients JL⁻ᵀ; ValueError where one overflows.
-
-        Run by run, since the bits of many rows solved at once depend on their number.
-        """
-        gradients = np.empty(self.gradients.shape)
-        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            for run in np.ndindex(gradients.shape[:-2]):
-                gradients[run] = whitening.rows(self.gradients[run])
+        """The same in the coordinates where M = LLᵀ is I, the gradients JL⁻ᵀ; ValueError where one overflows."""
+        gradients = convert_runs(whitening.rows, self.gradients, 2)
         if not is_finite(gradients):
             raise ValueError(
                 "gradients should be finite where the metric is the identity, JL⁻ᵀ of M = LLᵀ; found one that overflows"
@@ -130,3 +128,15 @@ class Linearization:
         """ρⁱ − Gⁱ of the constraints; ≥ 0 is feasible."""
         slack: np.ndarray = np.subtract(self.values[..., 1:], thresholds, order="C")
         return slack
+
+
+def convert_runs(convert: Callable[[np.ndarray], np.ndarray], arrays: np.ndarray, axes: int) -> np.ndarray:
+    """The array of each run, its last axes, in other coordinates; infinite where it overflows.
+
+    Run by run, since the bits of many rows solved at once depend on their number.
+    """
+    converted = np.empty(arrays.shape)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        for run in np.ndindex(arrays.shape[:-axes]):
+            converted[run] = convert(arrays[run])
+    return converted

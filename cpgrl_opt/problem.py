@@ -9,19 +9,20 @@ problem of §2.3 of the paper. The second, with b = −slack, is that of constra
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 
 import numpy as np
 
-from ._gate import check_arrays, check_bounds, check_radii, metric_of_rows, view_vectors
+from ._gate import check_arrays, check_bounds, check_metric, check_metrics, check_radii, metric_of_rows, view_vectors
 from .arrays import ArrayLike, Bool, Float, Jacobian, Mask, Multipliers, Number, Vector
 from .direction import Direction, Status
-from .metric import Whitening, validated_metric
+from .metric import Whitening
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import ReadOnlyArrays, freeze, read_only, real_values, require_positive, require_shape
-from .vectors import REPRESENTABLE, ArrayVectors, Vectors, is_long
+from .vectors import REPRESENTABLE, ArrayVectors, is_long
 
 _Kind = TypeVar("_Kind")
 
@@ -30,20 +31,13 @@ class _Arrays:
     """What a problem and a batch of problems have in common."""
 
     @classmethod
-    def trusted(
-        cls: type[_Kind],
-        gradient: np.ndarray,
-        jacobian: np.ndarray,
-        bound: np.ndarray,
-        equality: np.ndarray,
-        radius: Any = None,
-    ) -> _Kind:
+    def trusted(cls: type[_Kind], gradient: Any, jacobian: Any, bound: Any, equality: Any, radius: Any = None) -> _Kind:
         """Of C-contiguous float64 and bool arrays that were checked before: no copies, no checks."""
         made = object.__new__(cls)
         # In the way of every update of a training, so without a call for each array.
         arrays = g, J, b, E = gradient.view(), jacobian.view(), bound.view(), equality.view()
         for array in arrays:
-            array.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
+            array.setflags(False)  # as in `read_only`
         long = J.shape[-1] > 64 and is_long(*J.shape[-2:])  # in so few parameters no problem is
         vars(made).update(gradient=g, jacobian=J, bound=b, equality=E, radius=radius, is_long=long)
         return made
@@ -75,6 +69,9 @@ class DirectionProblem(_Arrays):
     equality: Mask
     metric: Any = None  # Metric, or a function
     radius: float | None = None
+    whitening: Any = field(
+        default=None, init=False, repr=False
+    )  # where M = I: a `Whitening` or an `OperatorMetric`, set with M
     is_long: bool = field(init=False, repr=False)  # worth the way by inner products
     is_tree: ClassVar[bool] = False  # where True, d comes back as g came, and not as an array of float64
 
@@ -100,10 +97,10 @@ class DirectionProblem(_Arrays):
             n, look = vectors.shape[1], partial(self._look_at, vectors, bound, equality, metric, radius)
             metric = vectors.agree(look)[-1]
         if metric is not None:
-            _set_metric(self, *validated_metric(metric, n, metric_tolerance, metric_iterations))
+            _set_metric(self, *check_metric(metric, n, metric_tolerance, metric_iterations))
         if radius is not None:
             require_positive("radius", radius)
-            object.__setattr__(self, "radius", float(radius))
+            vars(self).update(radius=float(radius))
 
     def __reduce__(self) -> tuple[Any, tuple[object, ...]]:
         # Through the constructor, so that a copy or an unpickled problem is read-only too.
@@ -156,40 +153,21 @@ class DirectionProblem(_Arrays):
         """Whether d in the form of g is finite: float32 ends at 3e38."""
         return not self.is_tree or self.vectors.is_representable(direction)
 
-    def __copy__(self) -> "DirectionProblem":
-        made, arguments = self.__reduce__()
-        problem: DirectionProblem = made(*arguments) if self.is_tree else self.copied()
-        return problem
-
     def copied(self) -> "DirectionProblem":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
         require_rows(self)
         g, J, b, E = (array.copy() for array in _arrays(self))
         problem = DirectionProblem.trusted(g, J, b, E, self.radius)
         if self.metric is not None:
-            _set_metric(problem, *_copied_pair(self.metric, self.whitening))
+            _set_metric(problem, *_copy_pair(self.metric, self.whitening))
         return problem
-
-    @cached_property
-    def whitening(self) -> Any:
-        """A `Whitening`, coordinates in which M = I, or an `OperatorMetric`; None where M = I already."""
-        return None if self.metric is None else validated_metric(self.metric, self.n)[1]
 
     @property
     def vectors(self) -> Any:  # Vectors, of arrays LeafVectors
-        """g and the rows, as the reduction to their span looks at them; keeps their inner products.
-
-        Rebuilt if somebody replaced `gradient` or `jacobian`; the new arrays are not checked.
-        """
-        vectors: Vectors | None = vars(self).get("_vectors")
-        if vectors is None or (isinstance(vectors, ArrayVectors) and not self._is_of(vectors)):
-            vectors = ArrayVectors(self.gradient, self.jacobian)
-            vars(self)["_vectors"] = vectors
-        return vectors
-
-    def _is_of(self, vectors: ArrayVectors) -> bool:
-        rows = vars(self).get("jacobian", vectors.jacobian)  # not there: rows apart
-        return vectors.gradient is self.gradient and (vectors.jacobian is rows or isinstance(vectors.jacobian, tuple))
+        """g and the rows, as the reduction to their span looks at them; keeps their inner products."""
+        if "_vectors" not in vars(self):
+            vars(self)["_vectors"] = ArrayVectors(self.gradient, self.jacobian)
+        return vars(self)["_vectors"]
 
     @property
     def n(self) -> int:
@@ -236,21 +214,6 @@ def without_geometry(problem: DirectionProblem) -> DirectionProblem:
     return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
 
 
-def euclidean(problem: DirectionProblem) -> DirectionProblem:
-    """The problem of (g′, J′, b) in the coordinates d′ = Lᵀd, where M = I, and without its ball; not checked anew.
-
-    Numbers of 1e±150 in g or J and in M may overflow: see whether it is finite.
-    """
-    if problem.metric is None and problem.radius is None:
-        return problem
-    flat = without_geometry(problem)
-    if problem.whitening is None:
-        return flat
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        g, J = problem.whitening.rows(flat.gradient), problem.whitening.rows(flat.jacobian)
-    return DirectionProblem.trusted(g, J, problem.bound, problem.equality)
-
-
 @dataclass(frozen=True, init=False, eq=False)
 class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
     """B direction problems of one shape, stacked; reads as a sequence of `DirectionProblem`.
@@ -284,21 +247,10 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
     ) -> None:
         g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 2)
         vars(self).update(gradient=g, jacobian=J, bound=b, equality=E)
-        runs, n = g.shape
-        if callable(metric):
-            _set_metrics(self, [validated_metric(metric, n, metric_tolerance, metric_iterations)] * runs)
-        elif metric is not None:
-            given = real_values("metric", metric)
-            rows = given[None] if given.ndim == 1 else given
-            is_one = given.ndim == 1 or (given.ndim == 3 and len(given) == 1)
-            if given.ndim not in (1, 2, 3) or not (is_one or len(rows) == runs):
-                raise ValueError(
-                    f"metric should have one entry a problem, {runs} of (n,) or (n, n), or be one for all; "
-                    f"found {given.shape}"
-                )
-            _set_metrics(self, [validated_metric(each, n) for each in rows] * (runs if is_one else 1))
+        if metric is not None:
+            _set_metrics(self, check_metrics(metric, *g.shape, metric_tolerance, metric_iterations))
         if radius is not None:
-            object.__setattr__(self, "radius", check_radii(radius, runs))
+            vars(self).update(radius=check_radii(radius, len(g)))
 
     @classmethod
     def stack(cls, problems: Sequence[DirectionProblem]) -> "ProblemBatch":
@@ -319,15 +271,14 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
         if radii:
             if len(radii) < len(problems):
                 raise ValueError(f"problems should all have a radius, or none; found {len(radii)} of {len(problems)}")
-            object.__setattr__(batch, "radius", read_only(np.array(radii)))
+            vars(batch).update(radius=read_only(np.array(radii)))
         return batch
 
     def in_geometry(self, metric: ArrayLike | Callable[[Any], Any] | None, radius: Number | None) -> "ProblemBatch":
         """The same problems, all in one metric, (n,), (n, n) or a function, and in balls of one radius."""
-        radii = None if radius is None else check_radii(radius, len(self))
-        batch = ProblemBatch.trusted(self.gradient, self.jacobian, self.bound, self.equality, radii)
+        batch = ProblemBatch.trusted(*_arrays(self), None if radius is None else check_radii(radius, len(self)))
         if metric is not None:
-            _set_metrics(batch, [validated_metric(metric, self.gradient.shape[1])] * len(self))
+            _set_metrics(batch, [check_metric(metric, self.gradient.shape[1])] * len(self))
         return batch
 
     def copied(self) -> "ProblemBatch":
@@ -335,7 +286,7 @@ class ProblemBatch(_Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
         batch = self.chosen(np.arange(len(self)))
         if self.whitening is not None:
             pairs = [self._metric_at(k) for k in range(len(self))]
-            own = {id(L): _copied_pair(M, L) for M, L in pairs}  # one for all stays one
+            own = {id(L): _copy_pair(M, L) for M, L in pairs}  # one for all stays one
             _set_metrics(batch, [own[id(L)] for _, L in pairs])
         return batch
 
@@ -374,27 +325,26 @@ def _arrays(of: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return of.gradient, of.jacobian, of.bound, of.equality
 
 
-def _set_metric(problem: DirectionProblem, metric: Any, whitening: Any) -> None:
+def _set_metric(problem: Any, metric: Any, whitening: Any) -> None:
     vars(problem).update(metric=metric if callable(metric) else read_only(metric), whitening=whitening)
 
 
-def _set_metrics(batch: ProblemBatch, metrics: Sequence[tuple[Any, Any]]) -> None:
+def _set_metrics(batch: ProblemBatch, pairs: Sequence[tuple[Any, Any]]) -> None:
     """One (M, L) for each problem; stacked without copies where all are the same."""
-    if not metrics:
+    metrics, whitenings = tuple(zip(*pairs, strict=True)) or ((), ())
+    if not pairs:
         stacked: Any = np.zeros(batch.gradient.shape)
-    elif callable(metrics[0][0]):
-        stacked = metrics[0][0]
-    elif all(whitening is metrics[0][1] for _, whitening in metrics):
-        stacked = np.broadcast_to(metrics[0][0], (len(metrics), *metrics[0][0].shape))
+    elif callable(metrics[0]):
+        stacked = metrics[0]
+    elif len(set(map(id, whitenings))) == 1:
+        stacked = np.broadcast_to(metrics[0], (len(pairs), *metrics[0].shape))
     else:
-        stacked = np.stack([M for M, _ in metrics])
-    vars(batch).update(
-        metric=stacked if callable(stacked) else read_only(stacked), whitening=tuple(L for _, L in metrics)
-    )
+        stacked = np.stack(metrics)
+    _set_metric(batch, stacked, whitenings)
 
 
-def _copied_pair(metric: Any, whitening: Any) -> tuple[Any, Any]:
-    return (metric, whitening) if callable(metric) else (metric.copy(), whitening.copied())
+def _copy_pair(metric: Any, whitening: Any) -> tuple[Any, Any]:
+    return (metric, whitening) if callable(metric) else deepcopy((metric, whitening))
 
 
 def _metrics_of(problems: Sequence[DirectionProblem]) -> list[tuple[Any, Any]]:

@@ -4,8 +4,6 @@ Rows are scaled to unit length before the rank is decided, so that scaling a row
 of the raw Gram matrix silently drops a row that is 1e-6 of the others.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from .arrays import ArrayLike, Bool, Float, Multipliers, Vector
@@ -19,35 +17,19 @@ RANK_TOLERANCE = 1e-12
 _TIED = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class _RowSpace:
-    """Thin singular value decomposition Ĵ = U diag(s) Vᵀ cut at the numerical rank r; left (m, r), right (n, r)."""
-
-    rows: UnitRows
-    left: np.ndarray
-    singular_values: np.ndarray
-    right: np.ndarray
-
-    def off(self, vector: np.ndarray) -> np.ndarray:
-        """(I − V Vᵀ) vector, twice: the second pass takes away what rounding left of the first."""
-        for _ in range(2):
-            vector = vector - self.right @ (self.right.T @ vector)
-        return vector
-
-
 def project_onto_tangent(jacobian: ArrayLike, gradient: ArrayLike) -> Vector:
     """PΔ = Δ − J⁺JΔ, the part of the gradient tangent to all constraints; (m, n), (n,) → (n,). Source: eq. 9."""
-    space, g = _row_space(jacobian), finite_array("gradient", gradient, 1)
-    require_shape("gradient", g, (space.right.shape[0],))
-    return space.off(g)
+    _, (_, _, V), g = _factors_beside(jacobian, "gradient", gradient, 1)
+    for _ in range(2):  # the second pass takes away what rounding left of the first
+        g = g - V @ (V.T @ g)
+    return g
 
 
 def restoration_move(jacobian: ArrayLike, slack: ArrayLike) -> Vector:
     """d = J⁺ slack, to be subtracted: J(θ − d) makes up for a negative slack; (m, n), (m,) → (n,). Source: eq. 10."""
-    space, target = _row_space(jacobian), finite_array("slack", slack, 1)
-    require_shape("slack", target, space.rows.largest.shape)
-    target = np.where(space.rows.largest > 0, space.rows.per_length(target), 0.0)
-    return np.asarray(space.right @ ((space.left.T @ target) / space.singular_values))
+    rows, (U, s, V), target = _factors_beside(jacobian, "slack", slack, 0)
+    target = np.where(rows.largest > 0, rows.per_length(target), 0.0)
+    return np.asarray(V @ ((U.T @ target) / s))
 
 
 def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers:
@@ -55,10 +37,30 @@ def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers
 
     (m, n), (n,) → (m,). The multiplier of the inequality Jd ≥ 0 is −λ. Source: eq. 7.
     """
-    space, g = _row_space(jacobian), finite_array("gradient", gradient, 1)
-    require_shape("gradient", g, (space.right.shape[0],))
-    weights = space.left @ ((space.right.T @ g) / space.singular_values)
-    return np.where(space.rows.largest > 0, space.rows.per_length(weights), 0.0)
+    rows, (U, s, V), g = _factors_beside(jacobian, "gradient", gradient, 1)
+    return np.where(rows.largest > 0, rows.per_length(U @ ((V.T @ g) / s)), 0.0)
+
+
+def projection_matrix(jacobian: ArrayLike) -> np.ndarray:
+    """P = I − N (NᵀN)⁻¹ Nᵀ with N = Jᵀ, (n, n): symmetric, idempotent, JP = 0. Source: eq. 9."""
+    _, _, V = _factors(unit_rows(finite_array("jacobian", jacobian, 2)))
+    return np.asarray(np.eye(len(V)) - V @ V.T)
+
+
+def _factors_beside(
+    jacobian: ArrayLike, name: str, values: ArrayLike, axis: int
+) -> tuple[UnitRows, tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """The unit rows of J, their factors, and values that are as long as an axis of J."""
+    rows, vector = unit_rows(finite_array("jacobian", jacobian, 2)), finite_array(name, values, 1)
+    require_shape(name, vector, rows.jacobian.shape[axis : axis + 1])
+    return rows, _factors(rows), vector
+
+
+def _factors(rows: UnitRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """U, s and V of Ĵ = U diag(s) Vᵀ, cut at the numerical rank."""
+    U, s, Vt = np.linalg.svd(rows.jacobian, full_matrices=False)
+    rank = int((s > RANK_TOLERANCE * max(s.max(initial=0.0), 1.0)).sum())
+    return U[:, :rank], s[:rank], Vt[:rank].T
 
 
 def unit_multipliers(
@@ -83,16 +85,3 @@ def largest_multipliers(
     leader = compared.argmax(axis=1)[:, None]
     relative = _TIED / np.maximum(1.0, np.take_along_axis(unit_multipliers, leader, axis=1))
     return np.asarray(among & (compared >= (1.0 - relative) * np.take_along_axis(compared, leader, axis=1)))
-
-
-def projection_matrix(jacobian: ArrayLike) -> np.ndarray:
-    """P = I − N (NᵀN)⁻¹ Nᵀ with N = Jᵀ, (n, n): symmetric, idempotent, JP = 0. Source: eq. 9."""
-    V = _row_space(jacobian).right
-    return np.asarray(np.eye(len(V)) - V @ V.T)
-
-
-def _row_space(jacobian: ArrayLike) -> _RowSpace:
-    rows = unit_rows(finite_array("jacobian", jacobian, 2))
-    left, singular_values, right = np.linalg.svd(rows.jacobian, full_matrices=False)
-    rank = int((singular_values > RANK_TOLERANCE * max(singular_values.max(initial=0.0), 1.0)).sum())
-    return _RowSpace(rows, left[:, :rank], singular_values[:rank], right[:rank].T)

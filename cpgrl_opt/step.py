@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ._gate import metric_of_rows, require_no_metric
+from ._gate import check_metric, metric_of_rows, require_no_metric
 from ._step_run import StepRun
 from ._violation import is_missed
 from .active_set import violated
-from .arrays import ArrayLike, Bool, Float
+from .arrays import ArrayLike, Bool
 from .direct_step import move
 from .direction import DirectionError
 from .formulation import FORMULATIONS
-from .linearization import Linearization
-from .metric import Whitening, validated_metric
+from .linearization import Linearization, convert_runs
 from .metric_operator import OperatorMetric
 from .scaling import lengths
 from .step_in_span import step_in_metric, step_in_span
@@ -115,55 +114,48 @@ class ConstrainedStep(StepSettings):
         if self.metric_is_tree:
             if not given.is_tree:
                 raise ValueError("metric should be an array or a function where gradients are no tree; found a tree")
-            whitening = validated_metric(metric_of_rows(given.vectors[0], self.metric), given.n)[1]
+            whitening = check_metric(metric_of_rows(given.vectors[0], self.metric), given.n)[1]
             flat = given.whitened(whitening)
         elif whitening is not None:
             require_shape("metric", self.metric, (given.n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
             flat = given.whitened(whitening)
-        before = None if self.metric is None else given.gradients
-        if callable(self.metric) or flat.is_long:
-            result = self._run_by_run(flat, slack, active, observe, before)
+        runs, before = slack.shape[:-1], None if self.metric is None else given.gradients
+        if math.prod(runs) and (callable(self.metric) or flat.is_long):
+            rows = [None] * math.prod(runs) if before is None else _stack(runs, before)[0]
+            each = zip(rows, flat.vectors, *_stack(runs, slack, active), strict=True)
+            result = stack_results([self._of_run(*run, observe=observe) for run in each], runs)
         else:
             result = self._on_rows(flat.gradients, slack, active, observe, before)
         if whitening is not None:
-            result = replace(result, change=_original(whitening, result.change))
+            change = convert_runs(whitening.original, result.change, 1)
+            if not is_finite(change):
+                raise FloatingPointError(
+                    "the change of θ should be finite; found one that overflows in the units of the metric"
+                )
+            result = replace(result, change=change)
         return replace(result, change=given.as_given(result.change)) if given.is_tree else result
 
-    def _run_by_run(
-        self,
-        linearization: Linearization,
-        slack: np.ndarray,
-        active: np.ndarray,
-        observe: Observer | None,
-        given: np.ndarray | None,
+    def _of_run(
+        self, before: np.ndarray | None, vectors: Any, slack: np.ndarray, active: np.ndarray, *, observe: Any
     ) -> StepResult:
-        """In the coordinates of each run's own gradients; what they do not answer is left, or raised."""
-        results, runs = [], slack.shape[:-1]
-        for run, vectors in zip(np.ndindex(runs), linearization.vectors, strict=True):
-            V = None if given is None else given[run]
-            on_rows = partial(self._on_rows, before=V)
-            try:
-                if callable(self.metric):
-                    M = self._operator(linearization)
-                    results.append(step_in_metric(on_rows, V, slack[run], active[run], M, observe))  # type: ignore[arg-type]
-                else:
-                    rate = float(self.step_size)  # type: ignore[arg-type]
-                    results.append(step_in_span(on_rows, vectors, slack[run], active[run], rate, observe))
-            except DirectionError:
-                if self.on_failure == "raise":
-                    raise
-                zero = np.zeros(linearization.n) if vectors.has_rows else vectors.zero()
-                on = active[run] & (not FORMULATIONS[self.formulation].takes_all)
-                results.append(skipped_result(zero, slack[run], on))
-        return stack_results(results, runs, linearization.n, slack.shape[-1])
+        """In the coordinates of a run's own gradients; what they do not answer is left, or raised."""
+        on_rows = partial(self._on_rows, before=before)
+        try:
+            if callable(self.metric):
+                return step_in_metric(on_rows, vectors, slack, active, self._operator(vectors), observe)
+            return step_in_span(on_rows, vectors, slack, active, float(self.step_size), observe)  # type: ignore[arg-type]
+        except DirectionError:
+            if self.on_failure == "raise":
+                raise
+            zero = np.zeros(vectors.shape[1]) if vectors.has_rows else vectors.zero()
+            return skipped_result(zero, slack, active & (not FORMULATIONS[self.formulation].takes_all))
 
-    def _operator(self, linearization: Linearization) -> OperatorMetric:
+    def _operator(self, vectors: Any) -> OperatorMetric:
         """Of n parameters, which only a linearization tells; looked at once, but of trees."""
+        product, n = metric_of_rows(vectors, self.metric), vectors.shape[1]
         known: OperatorMetric | None = vars(self).get("_operator_metric")
-        if known is None or known.n != linearization.n or linearization.is_tree:
-            M: Any = self.metric
-            product = metric_of_rows(linearization.vectors[0], M) if linearization.is_tree else M
-            known = OperatorMetric(product, linearization.n, self.metric_tolerance, self.metric_iterations)
+        if known is None or known.n != n or known.product is not product:
+            known = OperatorMetric(product, n, self.metric_tolerance, self.metric_iterations)
             vars(self)["_operator_metric"] = known
         return known
 
@@ -233,21 +225,4 @@ class ConstrainedStep(StepSettings):
 
 def _stack(runs: tuple[Any, ...], *arrays: np.ndarray) -> list[np.ndarray]:
     """The same with one axis of runs."""
-    if not runs:
-        return [array[None] for array in arrays]
-    if len(runs) == 1:
-        return list(arrays)
     return [array.reshape(math.prod(runs), *array.shape[len(runs) :]) for array in arrays]
-
-
-def _original(whitening: Whitening, change: Float[np.ndarray, "*runs n"]) -> Float[np.ndarray, "*runs n"]:
-    """L⁻ᵀx of every run; FloatingPointError where one overflows."""
-    original = np.empty(change.shape)
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        for run in np.ndindex(change.shape[:-1]):
-            original[run] = whitening.original(change[run])
-    if not is_finite(original):
-        raise FloatingPointError(
-            "the change of θ should be finite; found one that overflows in the units of the metric"
-        )
-    return original

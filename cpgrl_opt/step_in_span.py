@@ -56,10 +56,10 @@ def step_in_span(
 
 
 def step_in_metric(
-    on_rows: OnRows, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, metric: OperatorMetric, observe: Any
+    on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, metric: OperatorMetric, observe: Any
 ) -> StepResult:
     """In the metric of v ↦ Mv. Rows that are not active cost no product: their coordinates are 0."""
-    g, J = np.ascontiguousarray(gradients[0]), np.ascontiguousarray(gradients[1:])
+    g, J = (np.ascontiguousarray(whole) for whole in (vectors.whole_gradient(), vectors.whole_jacobian()))
     span = Span.of(metric, g, J, active)
     if span.failure is not None:
         raise DirectionError(f"{Status(span.failure)} (the metric: raise metric_iterations)")

@@ -60,10 +60,9 @@ def usual_result(
 ) -> StepResult:
     """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
     result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
-    known = vars(result)
-    known["change"], known["active"], known["stationary"] = change, active, np.zeros(flat.shape, np.bool_)
-    known["counts"] = {**_counted_nothing(flat.shape), "flat": flat}
-    known["multipliers"], known["residuals"], known["predicted_slack"] = proof
+    counts = {**_counted_nothing(flat.shape), "flat": flat}
+    vars(result).update(change=change, active=active, stationary=np.zeros(flat.shape, np.bool_), counts=counts)
+    vars(result).update(zip(("multipliers", "residuals", "predicted_slack"), proof, strict=True))
     return result
 
 
@@ -73,17 +72,11 @@ def skipped_result(zero: Any, slack: Float[np.ndarray, "m"], active: Bool[np.nda
     return StepResult(zero, active, np.array(False), counts, np.zeros(len(slack)), np.full(4, np.nan), slack.copy())
 
 
-def stack_results(results: Sequence[StepResult], runs: tuple[Any, ...], n: int, m: int) -> StepResult:
-    """Results of runs one by one, stacked to these axes; the one result where there are none."""
+def stack_results(results: Sequence[StepResult], runs: tuple[Any, ...]) -> StepResult:
+    """Results of runs one by one, at least one, stacked to these axes; the one result where there are none."""
     if not runs:
         return results[0]
-    kinds = (
-        ("change", np.float64, (n,)), ("active", np.bool_, (m,)), ("stationary", np.bool_, ()),
-        ("multipliers", np.float64, (m,)), ("residuals", np.float64, (4,)), ("predicted_slack", np.float64, (m,)),
-    )  # fmt: skip
-    parts = {
-        name: np.array([getattr(each, name) for each in results], dtype).reshape((*runs, *size))
-        for name, dtype, size in kinds
-    }
-    counts = {name: np.array([each.counts[name] for each in results], np.int64).reshape(runs) for name in COUNTS}
-    return StepResult(**parts, counts=counts)
+    names = [name for name in vars(results[0]) if name != "counts"]
+    counts = {name: np.array([each.counts[name] for each in results]) for name in COUNTS}
+    parts = {name: np.array([getattr(each, name) for each in results]) for name in names}
+    return StepResult(**parts, counts=counts).reshaped(runs)

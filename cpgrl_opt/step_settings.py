@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from ._gate import check_metric
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .arrays import ArrayLike, Float, Number
 from .direction import DirectionBatch
 from .formulation import FORMULATIONS
-from .metric import Whitening, validated_metric
+from .metric import Whitening
 from .metric_operator import ITERATIONS, TOLERANCE, require_limits
 from .problem import ProblemBatch
 from .settings import CheckedSettings
-from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, solver_named, tolerance_of
-from .validation import require_member, require_nonnegative, require_positive
+from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, find_solver, tolerance_of
+from .validation import real_values, require_member, require_nonnegative, require_positive
 from .vectors import is_long, kind_of
 from .vectors._trees import is_tree
 
@@ -55,26 +56,27 @@ class StepSettings(CheckedSettings):
     def __post_init__(self) -> None:
         self._look_up_names()
         if self.step_size is None:
-            object.__setattr__(self, "step_size", _WITHOUT_RADIUS if self.radius is None else _WITH_RADIUS)
+            vars(self).update(step_size=_WITHOUT_RADIUS if self.radius is None else _WITH_RADIUS)
         self._check_numbers()
         self._check_formulation()
-        if self.radius is not None and not facts_of(self.solver).takes_geometry:
-            raise ValueError(
-                f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
-                "cpgrl_opt.WithGeometry(solver)"
-            )
         require_limits(self.metric_tolerance, self.metric_iterations)
-        if callable(self.metric):
-            vars(self).update(_metric_bytes=str(id(self.metric)).encode())
-        elif self.metric is not None:
-            if self.metric_is_tree:  # whose leaves are put in the gradients' order when these are known
-                vars(self).update(metric=deepcopy(self.metric))
-                tree: Any = kind_of(self.metric, [])
-                metric, whitening = validated_metric(row := tree.whole_gradient(), len(row))[0], None
-            else:
-                metric, whitening = validated_metric(self.metric, len(np.atleast_1d(np.asarray(self.metric))))
-                vars(self).update(metric=metric)
-            vars(self).update(_whitening=whitening, _metric_bytes=metric.tobytes())
+        if self.metric is not None:
+            self._take_metric()
+
+    def _take_metric(self) -> None:
+        metric: Any = self.metric
+        whitening: Whitening | None = None
+        if callable(metric) and not isinstance(metric, type):
+            vars(self).update(_metric_bytes=str(id(metric)).encode())
+            return
+        if self.metric_is_tree:  # whose leaves are put in the gradients' order when these are known
+            vars(self).update(metric=deepcopy(metric))
+            tree: Any = kind_of(metric, [])
+            metric = check_metric(row := tree.whole_gradient(), len(row))[0]
+        else:
+            metric, whitening = check_metric(metric, len(np.atleast_1d(real_values("metric", metric))))
+            vars(self).update(metric=metric)
+        vars(self).update(_whitening=whitening, _metric_bytes=metric.tobytes())
 
     @property
     def metric_is_tree(self) -> bool:
@@ -88,14 +90,11 @@ class StepSettings(CheckedSettings):
         self.__post_init__()
 
     def _look_up_names(self) -> None:
-        if isinstance(self.solver, str):
-            object.__setattr__(self, "solver", solver_named(self.solver))
+        vars(self).update(solver=find_solver(self.solver))
         if isinstance(self.rule, str):
             require_member("rule", self.rule, tuple(ACTIVE_SET_RULES))
-            object.__setattr__(self, "rule", ACTIVE_SET_RULES[self.rule])
-        if isinstance(self.solver, type) or not callable(getattr(self.solver, "solve", None)):
-            raise ValueError(f"solver should be a name or have a method solve(problem); found {self.solver!r}")
-        if not callable(self.rule):
+            vars(self).update(rule=ACTIVE_SET_RULES[self.rule])
+        if isinstance(self.rule, type) or not callable(self.rule):
             raise ValueError(f"rule should be a name or a function (slack, previous) → mask; found {self.rule!r}")
         require_member("formulation", self.formulation, tuple(FORMULATIONS))
         require_member("drop", self.drop, DROP_RULES)
@@ -109,15 +108,20 @@ class StepSettings(CheckedSettings):
         require_nonnegative("max_restoration", self.max_restoration, allow_infinite=True)
         if self.radius is not None:
             require_positive("radius", self.radius)
+            if not facts_of(self.solver).takes_geometry:
+                raise ValueError(
+                    f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
+                    "cpgrl_opt.WithGeometry(solver)"
+                )
         super().__post_init__()
 
     def _check_formulation(self) -> None:
-        of = FORMULATIONS[self.formulation]
+        of, rates = FORMULATIONS[self.formulation], (float(self.restoration_rate), float(self.step_size))  # type: ignore[arg-type]
         if of.restores_inside and self.step_size == 0:
             raise ValueError(
                 f"step_size should be > 0 with formulation {self.formulation!r}, which divides by it; found 0"
             )
-        if of.restores_inside and not float(self.restoration_rate) / float(self.step_size) < np.inf:  # type: ignore[arg-type]
+        if of.restores_inside and not rates[0] / rates[1] < np.inf:
             raise ValueError(
                 f"restoration_rate / step_size should be finite with formulation {self.formulation!r}; found "
                 f"{self.restoration_rate!r} / {self.step_size!r}"

@@ -11,41 +11,39 @@ def real_values(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """`values` as float64, not copied if they are; a ValueError for what is no array of real numbers."""
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
-    return np.asarray(_as_real_array(name, values), dtype=np.float64)
+    given = _as_array(name, values)
+    if given.dtype.kind not in "iuf":  # truth values are none: 0 and 1 would be a mask taken for numbers
+        raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
+    return np.asarray(given, dtype=np.float64)
+
+
+def real_view(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.float64]:
+    """A read-only float64 array with `ndim` axes (None: any), not copied if it is one: writes to `values` are seen.
+
+    NaN is not looked for.
+    """
+    array = real_values(name, values)
+    if ndim is not None and array.ndim != ndim:
+        raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
+    return read_only(array)
 
 
 def real_array(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.float64]:
-    """A read-only, C-contiguous float64 copy of `values` with `ndim` axes (None: any) and no NaN."""
-    array = np.array(_as_real_array(name, values), dtype=np.float64, order="C", copy=True)
-    _require_axes(name, array, ndim)
-    if np.isnan(array).any():
-        raise ValueError(f"{name} should have no NaN; found {int(np.isnan(array).sum())} of {array.size}")
-    return freeze(array)
+    """`real_view` of a C-contiguous copy."""
+    return freeze(np.array(real_view(name, values, ndim), order="C"))
 
 
 def finite_array(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    """`real_array` without infinities."""
+    """`real_array` without NaN and infinities."""
     array = real_array(name, values, ndim)
     require_finite(name, array)
     return array
-
-
-def real_view(name: str, values: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    """A read-only float64 array, not copied if it is one: writes to `values` are seen. NaN is not looked for."""
-    array = real_values(name, values)
-    _require_axes(name, array, ndim)
-    return read_only(array)
 
 
 def require_finite(name: str, array: NDArray[np.float64]) -> None:
     """ValueError for NaN and infinities."""
     if not is_finite(array):
         raise ValueError(f"{name} should be finite; found {array[~np.isfinite(array)].flat[0]}")
-
-
-def mask_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
-    """A read-only, C-contiguous copy of booleans."""
-    return freeze(np.array(boolean_array(name, values), order="C"))
 
 
 def boolean_array(name: str, values: ArrayLike) -> NDArray[np.bool_]:
@@ -84,11 +82,6 @@ def is_finite(array: NDArray[np.float64]) -> bool:
     if array.ndim == 2 and not array.flags.c_contiguous:  # of which `vdot` would make a copy
         return is_finite(array.T) if array.flags.f_contiguous else all(map(is_finite, array))
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
-
-
-def _require_axes(name: str, array: NDArray[Any], ndim: int | None) -> None:
-    if ndim is not None and array.ndim != ndim:
-        raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
 
 
 def require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
@@ -136,15 +129,8 @@ def require_count(name: str, value: Any, least: int = 1, most: int | None = None
 
 def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
     """ValueError that lists the right names unless `value` is one of them."""
-    if value not in members:
+    if not isinstance(value, str) or value not in members:
         raise ValueError(f"{name} should be one of {', '.join(members)}; found {value!r}")
-
-
-def _as_real_array(name: str, values: ArrayLike) -> NDArray[Any]:
-    given = _as_array(name, values)
-    if given.dtype.kind not in "biuf":
-        raise ValueError(f"{name} should be an array of real numbers; found dtype {given.dtype}")
-    return given
 
 
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:

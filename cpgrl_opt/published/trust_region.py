@@ -11,8 +11,9 @@ import numpy as np
 
 from ..arrays import Vector
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, euclidean
+from ..problem import DirectionProblem
 from ..scaling import lengths
+from .euclidean import euclidean
 from .function_solver import require_finite
 
 

@@ -63,7 +63,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     Direction : d, its multipliers, and a status that stands.
     """
     require_problem(problem)
-    solver = problem.vectors.attempt(partial(_checked, solver)) if problem.is_tree else _checked(solver)
+    solver = problem.vectors.attempt(partial(find_solver, solver)) if problem.is_tree else find_solver(solver)
     return solver.solve(problem) if type(solver) in TRUSTED else ask_and_certify(solver, problem)
 
 
@@ -84,12 +84,13 @@ def solve_batch(
     DirectionBatch : one direction a problem, rows of float64 whatever the gradients were. ValueError where the solver
         writes to the problems, or returns none.
     """
-    solver = _checked(solver)
+    solver = find_solver(solver)
     answers = solve_stacked(solver, problems, threads=threads)
     return answers if type(solver) in TRUSTED else refereed(problems, answers, tolerance_of(solver))
 
 
-def _checked(solver: DirectionSolver | str) -> DirectionSolver:
+def find_solver(solver: DirectionSolver | str) -> DirectionSolver:
+    """The solver, or that of a name; ValueError for what is none."""
     if isinstance(solver, str):
         return solver_named(solver)
     if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
@@ -114,6 +115,7 @@ __all__ = [
     "WithGeometry",
     "compile_kernels",
     "facts_of",
+    "find_solver",
     "has_package",
     "is_installed",
     "is_usable",

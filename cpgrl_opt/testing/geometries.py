@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..direction import Status
-from ..problem import DirectionProblem, euclidean
+from ..problem import DirectionProblem
+from ..published.euclidean import euclidean
 from ..solvers import SOLVERS
 from .draws import LARGEST_ENTRY, MOST_PARAMETERS, any_of, integers, members, picks
 from .law import length, varied

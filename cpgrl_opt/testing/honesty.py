@@ -4,7 +4,8 @@ import numpy as np
 
 from ..certify import farkas_residual, kkt_residuals, proof_tolerance, violation_tolerance
 from ..direction import Status
-from ..problem import DirectionProblem, euclidean
+from ..problem import DirectionProblem
+from ..published.euclidean import euclidean
 from ..scaling import unit_rows
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..certify import kkt_residuals
-from ..problem import DirectionProblem, euclidean
+from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from ..published.euclidean import euclidean
 from ..scaling import unit_rows
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver

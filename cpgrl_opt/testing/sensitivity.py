@@ -26,8 +26,9 @@ from math import comb
 import numpy as np
 
 from ..direction import Status
-from ..problem import DirectionProblem, euclidean
+from ..problem import DirectionProblem
 from ..projection import RANK_TOLERANCE
+from ..published.euclidean import euclidean
 from ..scaling import unit_rows
 from ..solvers import SOLVERS
 from .law import Answer, NothingClaimed, Outcome, length, whitened

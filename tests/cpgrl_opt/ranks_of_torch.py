@@ -20,7 +20,7 @@ WRONG = {
     "shape of g": "gradient should have shape",
     "rows beside": "jacobian should not be given where gradient is an object",
     "length of bound": "bound should have shape (3,); found (2,)",
-    "NaN in bound": "bound should have no NaN",
+    "NaN in bound": "bound should be finite",
     "numbers for equality": "equality should be an array of booleans",
     "radius": "radius should be a finite number > 0; found -1.0",
     "metric": "metric should be None where gradient is an object",

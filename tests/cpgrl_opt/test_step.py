@@ -337,7 +337,7 @@ def test_wrong_settings_are_refused_with_the_right_names(settings, message):
 def test_thresholds_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match=r"thresholds should have shape \(3,\); found \(2,\)"):
         plain()(random_linearization(0), [0.0, 0.0])
-    with pytest.raises(ValueError, match="thresholds should have no NaN"):
+    with pytest.raises(ValueError, match="thresholds should be finite"):
         plain()(random_linearization(0), [0.0, 0.0, np.nan])
 
 

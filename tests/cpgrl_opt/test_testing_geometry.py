@@ -7,7 +7,7 @@ import pytest
 from hypothesis import Phase, find, given, settings
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
-from cpgrl_opt.problem import euclidean
+from cpgrl_opt.published.euclidean import euclidean
 from cpgrl_opt.testing import (
     Case,
     LawBroken,

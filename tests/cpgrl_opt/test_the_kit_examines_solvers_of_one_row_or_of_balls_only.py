@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
-from cpgrl_opt.problem import euclidean
 from cpgrl_opt.published import CPO, PCPO
+from cpgrl_opt.published.euclidean import euclidean
 from cpgrl_opt.testing import (
     LAWS,
     Case,
