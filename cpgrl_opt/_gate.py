@@ -131,9 +131,7 @@ def check_metrics(metric: Any, count: int, n: int, *limits: Any) -> list[tuple[A
     given = real_values("metric", metric)
     is_one = given.ndim == 1 or (given.ndim == 3 and len(given) == 1)
     if given.ndim not in (1, 2, 3) or not (is_one or len(given) == count):
-        raise ValueError(
-            f"metric should have one entry a problem, {count} of (n,) or (n, n), or be one for all; found {given.shape}"
-        )
+        raise ValueError(f"metric should have one entry a problem, {count}, or be one for all; found {given.shape}")
     pairs = [check_metric(each, n, *limits) for each in (given[None] if given.ndim == 1 else given)]
     return pairs * count if is_one else pairs
 

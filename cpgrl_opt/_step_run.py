@@ -218,8 +218,6 @@ class StepRun:
                     restoration = restoration * self.shorten(restoration, n)[:, None]
                 change += settings.restoration_rate * restoration
         if not is_finite(change):
-            raise FloatingPointError(
-                f"the change of θ should be finite; found {change[~np.isfinite(change)][0]}, with step_size "
-                f"{settings.step_size:g} and restoration_rate {settings.restoration_rate:g}: lower the rates"
-            )
+            rates = f"step_size {settings.step_size:g} and restoration_rate {settings.restoration_rate:g}"
+            raise FloatingPointError(f"the change of θ should be finite; found inf, with {rates}: lower the rates")
         return np.ascontiguousarray(change[:, :n])

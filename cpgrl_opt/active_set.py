@@ -35,7 +35,7 @@ def violated(
 
 def hysteresis(
     slack: ArrayLike,
-    previous: Bool[np.ndarray, "*runs m"] | None = None,
+    previous: ArrayLike | None = None,
     *,
     enter: Number = 0.0,
     leave: Number = 0.01,
@@ -48,9 +48,9 @@ def hysteresis(
     entered = slack <= enter
     if previous is None:
         return entered
-    previous = boolean_array("previous", previous)
-    require_shape("previous", previous, slack.shape)
-    return entered | (previous & (slack <= leave))
+    stays = boolean_array("previous", previous)
+    require_shape("previous", stays, slack.shape)
+    return entered | (stays & (slack <= leave))
 
 
 def _check_slack(slack: ArrayLike) -> Float[np.ndarray, "*runs m"]:

@@ -21,26 +21,57 @@ forget_outdated_kernels(_FOLDER, "direct_step*", (_FOLDER / "solvers" / "compile
 
 
 @inlined
-def admit(gradients, slack, active, target, kept, flat):
-    """Target ← −min(slack, 0); kept ← active without constraints whose gradient is 0; flat ← their number, by run.
+def admit(run, gradients, active, takes_all, kept, flat):
+    """kept (m,) ← active without constraints whose gradient is 0; flat[run] ← their number.
 
     Returns whether a row that is kept is too large or too small for its multiplier.
     """
-    runs, m = active.shape
-    extreme = False
-    for b in range(runs):
-        flat[b] = 0
-        for i in range(m):
-            target[b, i] = max(-slack[b, i], 0.0)
-            kept[b, i] = False
-            if active[b, i]:
-                largest = 0.0
-                for x in gradients[b, 1 + i]:
-                    largest = max(largest, abs(x))
-                kept[b, i] = largest > 0.0
-                extreme = extreme or (largest > 0.0 and not 1.0 / LARGE < largest < LARGE)
-                flat[b] += not kept[b, i]
+    extreme, flat[run] = False, 0
+    for i in range(len(kept)):
+        kept[i] = False
+        if takes_all or active[run, i]:
+            largest = 0.0
+            for x in gradients[run, 1 + i]:
+                largest = max(largest, abs(x))
+            kept[i] = largest > 0.0
+            extreme = extreme or (largest > 0.0 and not 1.0 / LARGE < largest < LARGE)
+            flat[run] += not kept[i]
     return extreme
+
+
+@inlined
+def ask(run, part, gradients, slack, kept, settings, g, bound, equality):
+    """The tangent problem of a run, part 0, or its restoration, part 1: g (1, n), bound and equality (m,)."""
+    restores_inside, takes_all, step_size, restoration_rate = (
+        settings[2] > 0.0,
+        settings[3] > 0.0,
+        settings[4],
+        settings[5],
+    )
+    inside = (1.0 if takes_all else restoration_rate) / step_size if restores_inside else float(part)
+    for i in range(len(kept)):
+        asked = max(-slack[run, i], 0.0)
+        if takes_all:
+            asked = restoration_rate * asked - settings[6] * max(slack[run, i], 0.0)
+        bound[i] = inside * asked if kept[i] else -inf
+        equality[i] = settings[1] > 0.0 and kept[i]
+    for j in range(g.shape[1]):
+        g[0, j] = gradients[run, 0, j] if part == 0 else 0.0
+
+
+@inlined
+def take(run, part, rate, value, small, parts, change, multipliers, residuals):
+    """change ← change + rate · value, with the proof; whether it is finite."""
+    finite = True
+    for j in range(change.shape[1]):
+        change[run, j] = rate * value[0, j] if part == 0 else change[run, j] + rate * value[0, j]
+        finite = finite and abs(change[run, j]) < inf
+    for k in range(4):
+        residuals[run, k] = parts[k] if part == 0 else max(residuals[run, k], parts[k])
+    if part == 0:
+        for i in range(multipliers.shape[1]):
+            multipliers[run, i] = small[WEIGHT, i]
+    return finite
 
 
 @inlined
@@ -79,54 +110,29 @@ def move(gradients, slack, active, settings, flat, change, multipliers, residual
     those of `StepSettings._direct`. Where the formulation takes all constraints, `active` is whatever it is, and says
     afterwards which multipliers are positive.
     """
-    tangent_solver, is_equality, restores_inside, takes_all = (
-        settings[0] > 0.0, settings[1] > 0.0, settings[2] > 0.0, settings[3] > 0.0
-    )  # fmt: skip
-    step_size, restoration_rate, slack_fraction, tolerance = settings[4], settings[5], settings[6], settings[7]
+    tangent_solver, restores_inside, takes_all = settings[0] > 0.0, settings[2] > 0.0, settings[3] > 0.0
     runs, channels, n = gradients.shape
     m = channels - 1
-    target, kept = np.empty((runs, m)), np.empty((runs, m), np.bool_)
-    considered = np.ones((runs, m), np.bool_) if takes_all else active
-    if admit(gradients, slack, considered, target, kept, flat):
-        return False
+    kept, bound, equality = np.empty(m, np.bool_), np.empty(m), np.empty(m, np.bool_)
     g, value, rest = np.empty((1, n)), np.empty((1, n)), np.empty((1, n))
-    bound, equality = np.empty(m), np.empty(m, np.bool_)
     gram, factor, small = np.empty((m, m)), np.empty((m, m)), np.empty((8, m))
     state, order, parts = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(4)
     finite = True
     for run in range(runs):
+        if admit(run, gradients, active, takes_all, kept, flat):
+            return False
         for part in range(1 if restores_inside else 2):  # the tangent, then the restoration
-            rate, inside = (step_size, 0.0) if part == 0 else (restoration_rate, 1.0)
-            if restores_inside:
-                inside = (1.0 if takes_all else restoration_rate) / step_size
-            for i in range(m):
-                asked = target[run, i]
-                if takes_all:
-                    asked = restoration_rate * asked - slack_fraction * max(slack[run, i], 0.0)
-                bound[i] = inside * asked if kept[run, i] else -inf
-                equality[i] = is_equality and kept[run, i]
-            for j in range(n):
-                g[0, j] = gradients[run, 0, j] if part == 0 else 0.0
+            ask(run, part, gradients, slack, kept, settings, g, bound, equality)
             worst, _ = solve_problem(
                 tangent_solver, 0, g, gradients[run, 1:], bound, equality, gram, factor, small, state, order, value,
                 rest, parts,
             )  # fmt: skip
-            if not (worst <= SHARP and worst <= tolerance):
+            if not (worst <= SHARP and worst <= settings[7]) or (part == 0 and vanishes(value[0], gradients[run, 0])):
                 return False
-            if part == 0 and vanishes(value[0], gradients[run, 0]):
-                return False
-            for k in range(4):
-                residuals[run, k] = parts[k] if part == 0 else max(residuals[run, k], parts[k])
-            if part == 0:
-                for i in range(m):
-                    multipliers[run, i] = small[WEIGHT, i]
-            for j in range(n):
-                change[run, j] = rate * value[0, j] if part == 0 else change[run, j] + rate * value[0, j]
-                finite = finite and abs(change[run, j]) < inf
+            rate = settings[4 + part]  # α₁, αₑ
+            finite = take(run, part, rate, value, small, parts, change, multipliers, residuals) and finite
     if finite:
         predict(gradients, slack, change, predicted)
         if takes_all:
-            for run in range(runs):
-                for i in range(m):
-                    active[run, i] = multipliers[run, i] > 0.0
+            active[:] = multipliers > 0.0
     return finite

@@ -88,10 +88,7 @@ class Formulation:
             asked = np.concatenate([inside * constraints.target, constraints.target][:kinds])
         bound = np.where(active, asked, -np.inf)
         if not (bound < np.inf).all():
-            raise ValueError(
-                "slack, times restoration_rate / step_size where the restoration is inside, should be finite in units "
-                "of its constraint's gradient; found one that overflows"
-            )
+            raise ValueError("slack, times restoration_rate / step_size, should be finite; found one that overflows")
         jacobian = np.concatenate([constraints.gradients[:, 1:]] * kinds)
         return ProblemBatch.trusted(gradient, jacobian, bound, active & self.is_equality)
 

@@ -119,9 +119,7 @@ class Linearization:
         """The same in the coordinates where M = LLᵀ is I, the gradients JL⁻ᵀ; ValueError where one overflows."""
         gradients = convert_runs(whitening.rows, self.gradients, 2)
         if not is_finite(gradients):
-            raise ValueError(
-                "gradients should be finite where the metric is the identity, JL⁻ᵀ of M = LLᵀ; found one that overflows"
-            )
+            raise ValueError("gradients should be finite where the metric is the identity; found one that overflows")
         return Linearization(self.values, gradients)
 
     def slack(self, thresholds: Float[np.ndarray, "m"]) -> Float[np.ndarray, "*runs m"]:

@@ -60,9 +60,10 @@ def usual_result(
 ) -> StepResult:
     """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
     result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
-    counts = {**_counted_nothing(flat.shape), "flat": flat}
-    vars(result).update(change=change, active=active, stationary=np.zeros(flat.shape, np.bool_), counts=counts)
-    vars(result).update(zip(("multipliers", "residuals", "predicted_slack"), proof, strict=True))
+    known = vars(result)
+    known["change"], known["active"], known["stationary"] = change, active, np.zeros(flat.shape, np.bool_)
+    known["counts"] = {**_counted_nothing(flat.shape), "flat": flat}
+    known["multipliers"], known["residuals"], known["predicted_slack"] = proof
     return result
 
 

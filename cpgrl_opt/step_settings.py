@@ -109,32 +109,18 @@ class StepSettings(CheckedSettings):
         if self.radius is not None:
             require_positive("radius", self.radius)
             if not facts_of(self.solver).takes_geometry:
-                raise ValueError(
-                    f"solver should take a radius; found {self.solver!r}, which does not say so. Wrap it: "
-                    "cpgrl_opt.WithGeometry(solver)"
-                )
+                raise ValueError(f"solver should take a radius (see WithGeometry); found {self.solver!r}")
         super().__post_init__()
 
     def _check_formulation(self) -> None:
-        of, rates = FORMULATIONS[self.formulation], (float(self.restoration_rate), float(self.step_size))  # type: ignore[arg-type]
-        if of.restores_inside and self.step_size == 0:
-            raise ValueError(
-                f"step_size should be > 0 with formulation {self.formulation!r}, which divides by it; found 0"
-            )
-        if of.restores_inside and not rates[0] / rates[1] < np.inf:
-            raise ValueError(
-                f"restoration_rate / step_size should be finite with formulation {self.formulation!r}; found "
-                f"{self.restoration_rate!r} / {self.step_size!r}"
-            )
+        of, known = FORMULATIONS[self.formulation], f"with formulation {self.formulation!r}"
+        restoration, step = float(self.restoration_rate), float(self.step_size)  # type: ignore[arg-type]
+        if of.restores_inside and (step == 0 or restoration / step == np.inf):
+            raise ValueError(f"restoration_rate / step_size should be finite {known}; found {restoration} / {step}")
         if of.takes_all and self.ridge > 0:
-            raise ValueError(
-                f"ridge should be 0 with formulation 'linearized', whose bounds it would soften; found {self.ridge!r}"
-            )
-        if of.takes_all and self.rule is not violated:  # which may change the slack and not the set
-            raise ValueError(
-                "rule should be the default with formulation 'linearized', which takes all constraints; found "
-                f"{self.rule!r}"
-            )
+            raise ValueError(f"ridge should be 0 {known}, whose bounds it would soften; found {self.ridge!r}")
+        if of.takes_all and self.rule is not violated:  # others may change the slack and not the set
+            raise ValueError(f"rule should be the default {known}, which takes all constraints; found {self.rule!r}")
 
     @cached_property
     def _direct(self) -> Float[np.ndarray, "8"] | None:

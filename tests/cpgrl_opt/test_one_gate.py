@@ -272,3 +272,26 @@ def test_a_copied_step_is_the_same_step(how):
 def test_truth_values_are_no_bounds(bound: object) -> None:
     with pytest.raises(ValueError, match="bound should be an array of real numbers"):
         DirectionProblem([1.0, 0.0], np.eye(2), bound)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"),
+    [
+        ("gradient", lambda: DirectionProblem([True, False], np.eye(2))),  # a mask that was taken for numbers
+        ("metric_tolerance", lambda: DirectionProblem([1.0], [[1.0]], metric=[1.0], metric_tolerance="small")),
+        ("metric_iterations", lambda: ProblemBatch([[1.0]], [[[1.0]]], metric=[[1.0]], metric_iterations=0.5)),
+        ("metric_tolerance", lambda: ConstrainedStep(metric=[1.0], metric_tolerance=-1.0)),
+        ("metric", lambda: ConstrainedStep(metric=[])),
+        ("metric", lambda: ConstrainedStep(metric=3)),
+        ("metric", lambda: DirectionProblem([1.0], [[1.0]], metric=object)),  # a type, which could be called
+        ("rule", lambda: ConstrainedStep(rule=object)),
+        ("slack", lambda: violated([0.0, np.nan])),
+        ("slack", lambda: hysteresis([0.0, np.nan])),
+        ("previous", lambda: hysteresis([0.0, 1.0], "both")),
+        ("previous", lambda: hysteresis([0.0, 1.0], np.array([True]))),
+        ("gradients", lambda: Linearization(np.zeros(3), {"a": 1})),
+    ],
+)
+def test_what_was_taken_in_silence_or_failed_somewhere_else_is_refused_by_its_name(name, taken):
+    with pytest.raises(ValueError, match=rf"^{name} should .*; found"):
+        taken()

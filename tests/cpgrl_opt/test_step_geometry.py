@@ -244,7 +244,7 @@ def test_gradients_that_overflow_where_the_metric_is_the_identity_are_refused():
 
 def test_a_change_that_overflows_in_the_units_of_the_metric_is_refused():
     linearization = Linearization([0.0, 1.0], [[1e160, 1.0], [0.0, 1.0]])
-    with pytest.raises(FloatingPointError, match="overflows in the units of the metric"):
+    with pytest.raises(FloatingPointError, match="in the units of the metric"):
         plain(metric=[1e-200, 1.0])(linearization, [0.0])
 
 
