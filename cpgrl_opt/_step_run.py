@@ -8,7 +8,7 @@ import numpy as np
 from ._violation import is_missed
 from .arrays import Bool, Float, Int
 from .direction import DirectionBatch, DirectionError, Status
-from .drop_rule import has_positive_multipliers, leaving_constraints, tangents, vanishing
+from .drop_rule import choose_leaving, has_positive_multipliers, tangents, vanish
 from .formulation import FORMULATIONS, ActiveConstraints
 from .problem import DirectionProblem, ProblemBatch
 from .recovery import recover
@@ -61,8 +61,8 @@ class StepRun:
         constraints = ActiveConstraints(gradients, np.maximum(-slack, 0.0), kept, np.zeros(slack.shape, np.int64))
         if self.settings.ridge > 0:
             self.counts["softened"] += kept.any(axis=1)
-            return constraints.softened(self.settings.ridge)
-        constraints = constraints.balanced()
+            return constraints.soften(self.settings.ridge)
+        constraints = constraints.balance()
         if self.given is not None:
             self.given = np.ldexp(self.given[:, 1:], -constraints.exponents[:, :, None])
         return constraints
@@ -178,7 +178,7 @@ class StepRun:
         if self.settings.formulation == "equality" and type(self.settings.solver) not in CLOSED_FORM:
             tangent = tangents(constraints, radius)
         # In a ball, where s is as long as the radius or 0, solvers round it themselves.
-        return vanishing(tangent, constraints) if radius is None else (tangent == 0.0).all(axis=1)
+        return vanish(tangent, constraints) if radius is None else (tangent == 0.0).all(axis=1)
 
     def drop(
         self, constraints: ActiveConstraints, moves: Moves, still: Bool[np.ndarray, "B"]
@@ -196,7 +196,7 @@ class StepRun:
             if not chosen.size:
                 break
             before = constraints.rows(chosen, active)
-            active[chosen] &= ~leaving_constraints(before, raw=self.settings.raw_multipliers)
+            active[chosen] &= ~choose_leaving(before, raw=self.settings.raw_multipliers)
             fewer = constraints.rows(chosen, active)
             self.counts["dropped"][chosen] += np.count_nonzero(before.active & ~fewer.active, axis=1)
             self.counts["infeasible"][chosen] = 0  # the problems are others now

@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING or "jaxtyping" in sys.modules:
-    from jaxtyping import Bool as Bool
-    from jaxtyping import Float as Float
-    from jaxtyping import Float64 as Float64
-    from jaxtyping import Int as Int
-    from jaxtyping import Int64 as Int64
-    from jaxtyping import UInt8 as UInt8
-    from jaxtyping import UInt64 as UInt64
+    from jaxtyping import Bool, Float, Float64, Int, Int64, UInt8, UInt64
 else:
 
     class _Array:
@@ -28,7 +22,7 @@ else:
     Bool = Float = Float64 = Int = Int64 = UInt8 = UInt64 = _Array
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike as ArrayLike
+    from numpy.typing import ArrayLike
 
     Number = float
 else:

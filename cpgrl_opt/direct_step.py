@@ -42,12 +42,7 @@ def admit(run, gradients, active, takes_all, kept, flat):
 @inlined
 def ask(run, part, gradients, slack, kept, settings, g, bound, equality):
     """The tangent problem of a run, part 0, or its restoration, part 1: g (1, n), bound and equality (m,)."""
-    restores_inside, takes_all, step_size, restoration_rate = (
-        settings[2] > 0.0,
-        settings[3] > 0.0,
-        settings[4],
-        settings[5],
-    )
+    restores_inside, takes_all, step_size, restoration_rate = settings[2] > 0, settings[3] > 0, settings[4], settings[5]
     inside = (1.0 if takes_all else restoration_rate) / step_size if restores_inside else float(part)
     for i in range(len(kept)):
         asked = max(-slack[run, i], 0.0)
@@ -76,16 +71,11 @@ def take(run, part, rate, value, small, parts, change, multipliers, residuals):
 
 @inlined
 def vanishes(tangent, gradient):
-    """Whether ‖s‖ ≤ NEGLIGIBLE ‖Δ¹‖; the largest entry first, as squares may overflow."""
-    largest, limit, squares, square = 0.0, 0.0, 0.0, 0.0
+    """Whether ‖s‖ ≤ NEGLIGIBLE ‖Δ¹‖, or squares do not tell."""
+    short, long = 0.0, 0.0
     for j in range(len(gradient)):
-        largest, limit = max(largest, abs(tangent[j])), max(limit, abs(gradient[j]))
-    if largest > NEGLIGIBLE * len(gradient) * limit:  # the usual case, seen without a square
-        return False
-    if largest > 0.0 and limit > 0.0:
-        for j in range(len(gradient)):
-            squares, square = squares + (tangent[j] / largest) ** 2, square + (gradient[j] / limit) ** 2
-    return largest * np.sqrt(squares) <= NEGLIGIBLE * (limit * np.sqrt(square))
+        short, long = short + tangent[j] ** 2, long + gradient[j] ** 2
+    return not (1.0 / LARGE < long < LARGE and short > NEGLIGIBLE**2 * long)
 
 
 @inlined
@@ -103,7 +93,7 @@ def predict(gradients, slack, change, predicted):
     "boolean(f8[:, :, ::1], f8[:, ::1], b1[:, ::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
     interpreted=(0, 0),
 )
-def move(gradients, slack, active, settings, flat, change, multipliers, residuals, predicted):
+def move_parameters(gradients, slack, active, settings, flat, change, multipliers, residuals, predicted):
     """change (B, n) ← α₁ s + αₑ v, flat (B,) as `admit` counts it; False where `step` has more to say about any run.
 
     Also the proof, as `StepResult` has it: multipliers (B, m), residuals (B, 4) and predicted slack (B, m). settings:

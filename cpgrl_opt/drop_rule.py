@@ -26,7 +26,7 @@ from .solvers import ActiveSet, Rosen, solve_batch
 NEGLIGIBLE = 1e-10
 
 
-def vanishing(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
+def vanish(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
     """Whether a move is 0 up to rounding, relative to Δ¹."""
     return lengths(moves) <= NEGLIGIBLE * lengths(constraints.gradients[:, 0])
 
@@ -39,10 +39,10 @@ def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Fl
 def has_positive_multipliers(constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:
     """Whether no λ ≤ 0 exists: the cone Jd ≥ 0 lets Δ¹ climb farther than Jd = 0 does."""
     in_cone = solve_batch(ActiveSet(), FORMULATIONS["cone"].tangents(constraints)).value
-    return ~vanishing(in_cone - tangents(constraints), constraints)
+    return ~vanish(in_cone - tangents(constraints), constraints)
 
 
-def leaving_constraints(constraints: ActiveConstraints, *, raw: bool = False) -> Bool[np.ndarray, "B m"]:
+def choose_leaving(constraints: ActiveConstraints, *, raw: bool = False) -> Bool[np.ndarray, "B m"]:
     """What is dropped of 𝒜 in runs that have positive multipliers. raw: compare λᵢ instead of λ̂ᵢ, as printed."""
     size = lengths(constraints.gradients)
     size = np.where(size > 0.0, size, 1.0)

@@ -37,7 +37,7 @@ class ActiveConstraints:
         active = self.active if active is None else active
         return ActiveConstraints(self.gradients[chosen], self.target[chosen], active[chosen], self.exponents[chosen])
 
-    def balanced(self) -> "ActiveConstraints":
+    def balance(self) -> "ActiveConstraints":
         """Rows beyond 2^±400 and their targets over a power of two that leaves the row's largest entry in ½ … 1.
 
         Nothing changes but these rows' multipliers t/‖Jᵢ‖², which leave float64 for rows beyond 1e±150.
@@ -56,7 +56,7 @@ class ActiveConstraints:
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(np.ldexp(multipliers, -self.exponents))
 
-    def softened(self, ridge: float) -> "ActiveConstraints":
+    def soften(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
         runs, channels, _ = self.gradients.shape
         soft = np.sqrt(ridge) * np.eye(channels, channels - 1, -1)

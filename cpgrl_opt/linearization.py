@@ -115,7 +115,7 @@ class Linearization:
         """Constraint gradients Δ², Δ³, … as rows: Nᵀ of the paper."""
         return self.gradients[..., 1:, :]
 
-    def whitened(self, whitening: Whitening) -> "Linearization":
+    def whiten(self, whitening: Whitening) -> "Linearization":
         """The same in the coordinates where M = LLᵀ is I, the gradients JL⁻ᵀ; ValueError where one overflows."""
         gradients = convert_runs(whitening.rows, self.gradients, 2)
         if not is_finite(gradients):

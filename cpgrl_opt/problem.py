@@ -199,7 +199,7 @@ def nothing(problem: DirectionProblem, status: Status, iterations: int = 0) -> D
     return Direction(value, np.zeros(problem.m), status, iterations)
 
 
-def in_form(problem: DirectionProblem, found: Direction, **changes: Any) -> Direction:
+def convert_answer(problem: DirectionProblem, found: Direction, **changes: Any) -> Direction:
     """An answer in one array of float64 in the form of g; NUMERICAL_ERROR where d leaves the dtypes of g's leaves."""
     row = problem.row_of(found.value)
     value = problem.as_given(row)

@@ -15,7 +15,7 @@ from ._step_run import StepRun
 from ._violation import is_missed
 from .active_set import violated
 from .arrays import ArrayLike, Bool
-from .direct_step import move
+from .direct_step import move_parameters
 from .direction import DirectionError
 from .formulation import FORMULATIONS
 from .linearization import Linearization, convert_runs
@@ -115,10 +115,10 @@ class ConstrainedStep(StepSettings):
             if not given.is_tree:
                 raise ValueError("metric should be an array or a function where gradients are no tree; found a tree")
             whitening = check_metric(metric_of_rows(given.vectors[0], self.metric), given.n)[1]
-            flat = given.whitened(whitening)
+            flat = given.whiten(whitening)
         elif whitening is not None:
             require_shape("metric", self.metric, (given.n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
-            flat = given.whitened(whitening)
+            flat = given.whiten(whitening)
         runs, before = slack.shape[:-1], None if self.metric is None else given.gradients
         if math.prod(runs) and (callable(self.metric) or flat.is_long):
             rows = [None] * math.prod(runs) if before is None else _stack(runs, before)[0]
@@ -179,12 +179,12 @@ class ConstrainedStep(StepSettings):
             flat, change = np.empty(runs, np.int64), np.empty((*runs, n))
             proof = np.empty((*runs, m)), np.empty((*runs, 4)), np.empty((*runs, m))
             given, found = _stack(runs, gradients, slack, active), _stack(runs, flat, change, *proof)
-            if move.run(*given, direct, *found):
+            if move_parameters.run(*given, direct, *found):
                 result = usual_result(change, active, flat, proof)
                 if before is None or not self._is_short_of(before, slack, active, result.predicted_slack):
                     return result
         before = None if before is None else _stack(runs, before)[0]
-        return StepRun(self, observe, count, before).step(*_stack(runs, gradients, slack, active)).reshaped(runs)
+        return StepRun(self, observe, count, before).step(*_stack(runs, gradients, slack, active)).reshape(runs)
 
     def _is_short_of(self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, predicted: Any) -> bool:
         """Whether a change restores less than it was asked to, in the rows' own lengths, or nobody can tell."""

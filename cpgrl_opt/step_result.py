@@ -40,7 +40,7 @@ class StepResult:
     residuals: Float[np.ndarray, "*runs 4"] | None = None
     predicted_slack: Float[np.ndarray, "*runs m"] | None = None
 
-    def reshaped(self, runs: tuple[Any, ...]) -> "StepResult":
+    def reshape(self, runs: tuple[Any, ...]) -> "StepResult":
         """The same with these axes for the one of its runs."""
         parts = {name: part.reshape((*runs, *part.shape[1:])) for name, part in vars(self).items() if name != "counts"}
         return StepResult(**parts, counts={name: counted.reshape(runs) for name, counted in self.counts.items()})
@@ -58,7 +58,7 @@ def usual_result(
     flat: Int[np.ndarray, "*runs"],
     proof: Sequence[np.ndarray | None] = (None, None, None),
 ) -> StepResult:
-    """What `direct_step.move` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
+    """What `move_parameters` did: nothing but `flat` is counted. proof: multipliers, residuals, predicted slack."""
     result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
     known = vars(result)
     known["change"], known["active"], known["stationary"] = change, active, np.zeros(flat.shape, np.bool_)
@@ -80,4 +80,4 @@ def stack_results(results: Sequence[StepResult], runs: tuple[Any, ...]) -> StepR
     names = [name for name in vars(results[0]) if name != "counts"]
     counts = {name: np.array([each.counts[name] for each in results]) for name in COUNTS}
     parts = {name: np.array([getattr(each, name) for each in results]) for name in names}
-    return StepResult(**parts, counts=counts).reshaped(runs)
+    return StepResult(**parts, counts=counts).reshape(runs)

@@ -124,7 +124,7 @@ class StepSettings(CheckedSettings):
 
     @cached_property
     def _direct(self) -> Float[np.ndarray, "8"] | None:
-        """What `direct_step.move` takes of these settings; None where they need more than it does."""
+        """What `direct_step.move_parameters` takes of these settings; None where they need more than it does."""
         is_plain = self.ridge == 0 and self.max_restoration == np.inf and self.radius is None
         drops_always = self.formulation == "equality" and self.drop == "always"
         if type(self.solver) not in CLOSED_FORM or not is_plain or drops_always:
@@ -135,6 +135,6 @@ class StepSettings(CheckedSettings):
         return np.array([*kind, *rates, tolerance_of(self.solver)], np.float64)
 
     def usual_way(self, m: int, n: int) -> Float[np.ndarray, "8"] | None:
-        """What `direct_step.move` takes, after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
+        """What `move_parameters` takes, after 𝒜 = {i : slackᵢ ≤ 0}, where that is all of a step; None where not."""
         needs_more = self.rule is not violated or self.metric is not None or is_long(m, n)
         return None if needs_more else self._direct

@@ -105,7 +105,7 @@ def skip_broken(parameters: Iterable[object]) -> None:
 
 def compile_projections() -> None:
     """The kernels of `cpgrl_opt`."""
-    _ = import_module("cpgrl_opt.direct_step").move.machine_code
+    _ = import_module("cpgrl_opt.direct_step").move_parameters.machine_code
     import_module("cpgrl_opt.solvers").compile_kernels()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..certify import certify, misses_a_bound
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
-from ..problem import DirectionProblem, ProblemBatch, in_form, nothing
+from ..problem import DirectionProblem, ProblemBatch, convert_answer, nothing
 from ..settings import CheckedSettings
 from .exact_core import climb, climb_batch
 from .infeasibility import infeasible_direction
@@ -160,7 +160,7 @@ def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolera
     is_ours = answer.residuals is not None or status == Status.INFEASIBLE or problem.radius is not None
     if found.status == Status.UNCERTIFIED and is_ours and problem.metric is not None and misses_a_bound(problem, value):
         found = _contradict(problem, found, tolerance)
-    return in_form(problem, found) if problem.is_tree else found
+    return convert_answer(problem, found) if problem.is_tree else found
 
 
 def _contradict(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:

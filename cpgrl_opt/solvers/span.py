@@ -15,7 +15,7 @@ from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, Status
-from ..problem import DirectionProblem, in_form, nothing
+from ..problem import DirectionProblem, convert_answer, nothing
 from ..reduction import EXACT, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
 from ..vectors import REPRESENTABLE, is_long
@@ -56,7 +56,7 @@ def _solve_in_span(
         return left or nothing(problem, Status.UNCERTIFIED)
     g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
     whole = DirectionProblem.trusted(g, J, problem.bound, problem.equality, problem.radius)
-    return in_form(problem, solve(whole), rung="rows")
+    return convert_answer(problem, solve(whole), rung="rows")
 
 
 def _solve_by_rungs(

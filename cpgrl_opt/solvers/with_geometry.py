@@ -5,7 +5,7 @@ from functools import partial
 
 from ..certify import certify
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch, in_form, without_geometry
+from ..problem import DirectionProblem, ProblemBatch, convert_answer, without_geometry
 from .base import Solver
 from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
@@ -64,4 +64,4 @@ def ask_and_certify(solver: DirectionSolver, problem: DirectionProblem) -> Direc
     if not supports(solver, problem):
         return unsupported(problem)
     answer = certify(problem, ask(solver, problem), tolerance_of(solver), infeasible_direction)
-    return in_form(problem, answer) if problem.is_tree else answer
+    return convert_answer(problem, answer) if problem.is_tree else answer

@@ -5,12 +5,12 @@ Importing this module loads the kernels that it is made of, or compiles them.
 
 import numpy as np
 
-from cpgrl_opt.direct_step import move
+from cpgrl_opt.direct_step import move_parameters
 
 from ..kernels import kernel
 from .finite_gpomdp_kernels import advance
 
-_advance, _move = advance.machine_code, move.machine_code
+_advance, _move = advance.machine_code, move_parameters.machine_code
 
 
 @kernel(
@@ -33,7 +33,7 @@ def learn(  # type: ignore[no-untyped-def]
     random_states,
     averages,
     thresholds,  # (m,)
-    settings,  # as `move` has them
+    settings,  # as `move_parameters` has them
     max_change,
     parameters,  # (1 + K, B, n), the first given, the others filled
     values,  # (K, B, 1 + m), filled, as are the others
@@ -43,7 +43,7 @@ def learn(  # type: ignore[no-untyped-def]
     flat,  # (K, B)
     change,  # (K, B, n)
 ):
-    """K episodes, each with the usual update of θ: 𝒜 = {i: ρⁱ ≤ Gⁱ}, then `move`.
+    """K episodes, each with the usual update of θ: 𝒜 = {i: ρⁱ ≤ Gⁱ}, then `move_parameters`.
 
     Returns how many updates were made: where it is less than K, one more episode is there, whose update is not the
     usual one, or not finite, or too far.

@@ -51,5 +51,5 @@ class LearningEstimation(Protocol):
     ) -> LearnedEpisodes | None:
         """Up to `most` episodes, with an update after each, in one compiled call; None where it cannot yet.
 
-        step: the thresholds, the settings of `direct_step.move`, and how far an update may move a component of θ.
+        step: the thresholds, the settings of `move_parameters`, and how far an update may move a component of θ.
         """
