@@ -7,6 +7,7 @@ K = V Vᵀ for long gradients, K = V M⁻¹ Vᵀ in an operator's metric. Both r
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,13 @@ def step_in_span(
     on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
 ) -> StepResult:
     """By the first rung that is exact enough, else on the rows, if there are any; `observe` sees what it is made of."""
+    result: StepResult = vectors.attempt(partial(_step_in_span, on_rows, vectors, slack, active, step_size, observe))
+    return result
+
+
+def _step_in_span(
+    on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
+) -> StepResult:
     seen: list[tuple[ProblemBatch, DirectionBatch]] = []
     see = None if observe is None else lambda *pair: seen.append(pair)
     for rung in RUNGS:

@@ -24,7 +24,8 @@ from ._torch import gather_by_torch
 from .interface import Sums, Vectors
 
 Gather = Callable[[np.ndarray], Sequence[np.ndarray]]
-_GRAMIAN, _PAIRS, _FORM, _MEASURE, _IS_ZERO, _AGREE = range(6)
+_CALLS = 6  # of which a message may be
+_GRAMIAN, _PAIRS, _FORM, _MEASURE, _IS_ZERO, _AGREE = range(_CALLS)
 # Weights of processes on unlike processors may differ by rounding; what differs by more comes of unlike bounds.
 _SAME = 1e-9
 _TEXT = 512  # bytes of an error's message that the other ranks are told
@@ -143,14 +144,15 @@ class Sharded(Vectors):
 
         def message() -> np.ndarray:
             parts.extend(map(np.ravel, find()))
-            return np.concatenate([[what], *parts])
+            return np.concatenate([[what + _CALLS * len(parts[0])], *parts])
 
         said = self._meet(2 + 3 * channels + 2 * channels**2, message)
-        asked, found = parts
-        theirs, numbers = np.split(said[:, 1 : 1 + len(asked) + len(found)], [len(asked)], axis=1)
+        ends = np.cumsum([1, *map(len, parts)])
+        call, asked, numbers, _ = np.split(said, ends, axis=1)
         size = _SAME * np.abs(asked[np.isfinite(asked)]).max(initial=0.0)
-        with np.errstate(invalid="ignore", over="ignore"):
-            if not ((said[:, 0] == what).all() and ((theirs == asked) | (np.abs(theirs - asked) <= size)).all()):
+        with np.errstate(invalid="ignore", over="ignore"):  # beside rank 0, so that all ranks come to the same end
+            is_same = (asked == asked[0]) | (np.abs(asked - asked[0]) <= size)
+            if not ((call == call[0]).all() and is_same.all()):
                 self._known = ValueError("all ranks should solve the same problem; found bounds or calls that differ")
                 raise self._known
             numbers = np.ascontiguousarray(numbers.T)

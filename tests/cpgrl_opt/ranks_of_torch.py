@@ -31,6 +31,7 @@ WRONG = {
     "metric of a step": "metric should be None where gradient is an object",
     "solver": "solver should be one of",
     "solver that breaks": "no memory left",
+    "solver of a step that breaks": "no memory left",
     "multipliers": "direction.multipliers should have shape (3,); found (4,)",
 }
 
@@ -48,6 +49,8 @@ def call(what: str, wrong: bool, g: Any, J: Any, gather: Any) -> Any:
         wrong_g = g * 1j if what.startswith("dtype") else g[1:]
         return Sharded(wrong_g if wrong else g, J, gather=gather)
     vectors, some, three = Sharded(g, J, gather=gather), np.zeros(2 + (not wrong)), np.zeros(3)
+    if what == "solver of a step that breaks":
+        return ConstrainedStep(solver=Breaks() if wrong else "active-set")(Linearization(VALUES, vectors), three)
     if what in ("thresholds", "previous", "metric of a step"):
         step = ConstrainedStep(metric=np.ones(len(g)) if what.startswith("metric") and wrong else None)
         previous = some.astype(bool) if what == "previous" else None
