@@ -72,14 +72,11 @@ def status_of(status: Any, what: str = "status should be a Status, or the number
 
 
 def _statuses(what: str, values: Any, shape: tuple[Any, ...]) -> np.ndarray:
-    numbers = np.asarray(values)
-    if numbers.shape == shape == ():
-        return np.asarray(status_of(values, what), np.int64)
-    if numbers.shape == shape and numbers.dtype.kind in "iu" and np.isin(numbers, list(Status)).all():
-        return numbers.astype(np.int64)
-    if numbers.shape == shape and numbers.dtype.kind not in "iu":
-        return np.array([status_of(each, what) for each in numbers.tolist()], dtype=np.int64)
-    raise ValueError(f"{what}; found the statuses {_shortened(values)}")
+    given = np.asarray(values)
+    if given.shape != shape:
+        raise ValueError(f"{what}; found the statuses {_shortened(values)}")
+    each = [values] if shape == () else given.tolist()  # as it came: an array of one would lose its type
+    return np.array([status_of(one, what) for one in each], np.int64).reshape(shape)
 
 
 def _shortened(answer: Any) -> str:

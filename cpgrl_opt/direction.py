@@ -95,13 +95,7 @@ class Direction:
 
     @classmethod
     def found(
-        cls,
-        value: Any,
-        multipliers: Multipliers,
-        status: Status,
-        iterations: int,
-        residuals: KKTResiduals | None,
-        rung: str,
+        cls, value: Any, multipliers: Multipliers, status: Status, iterations: int, residuals: Any, rung: str
     ) -> "Direction":
         """A direction without a ball; five times faster than through the frozen dataclass's own constructor."""
         direction = object.__new__(cls)
@@ -196,15 +190,11 @@ class DirectionBatch(Sequence[Direction]):
         if isinstance(index, slice):
             return self._each(lambda part: part[index])
         known = None if self.residuals is None else self.residuals[index]
-        return Direction(
-            self.value[index],
-            self.multipliers[index],
-            Status(int(self.status[index])),
-            int(self.iterations[index]),
-            0.0 if self.radius_multiplier is None else float(self.radius_multiplier[index]),
-            None if known is None or np.isnan(known).any() else KKTResiduals(*known.tolist()),
-            "" if self.rung is None else str(self.rung[index]),
-        )
+        residuals = None if known is None or np.isnan(known).any() else KKTResiduals(*known.tolist())
+        kappa = 0.0 if self.radius_multiplier is None else float(self.radius_multiplier[index])
+        rung = "" if self.rung is None else str(self.rung[index])
+        status, iterations = Status(int(self.status[index])), int(self.iterations[index])
+        return Direction(self.value[index], self.multipliers[index], status, iterations, kappa, residuals, rung)
 
 
 def _parts(batch: DirectionBatch) -> list[np.ndarray | None]:

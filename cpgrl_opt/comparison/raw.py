@@ -14,7 +14,6 @@ import numpy as np
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..solvers.library_calls import BROKEN, answer_of, failure_named, quadratic_program
-from ..solvers.osqp import verdict_of
 from ..solvers.small_problem import SmallAnswer, SmallProblem
 from ..solvers.through_qpsolvers import BACK_ENDS
 
@@ -45,7 +44,7 @@ def _osqp(problem: DirectionProblem) -> Direction:
     identity = csc_matrix(np.eye(problem.n))
     workspace.setup(identity, -problem.gradient, csc_matrix(problem.jacobian), problem.bound, upper, verbose=False)
     result = workspace.solve(raise_error=False)
-    verdict = verdict_of(result.info.status_val)
+    verdict = failure_named(result.info.status)
     certificate = result.prim_inf_cert if verdict == Status.INFEASIBLE else result.y
     return _claimed(problem, SmallAnswer(result.x, -np.asarray(certificate), failure=verdict))
 

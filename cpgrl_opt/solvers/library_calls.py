@@ -82,40 +82,28 @@ def call_highs(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    from highspy import HighsModelStatus
+    from highspy import HessianFormat, HighsModelStatus, MatrixFormat, ObjSense
 
     # The base class: what highspy.Highs adds are callbacks, and installing those prints the banner before any option.
     from highspy._core import _Highs
+    from scipy.sparse import csc_matrix
 
     solver = _Highs()
     for name, value in {"output_flag": False, **options}.items():
         solver.setOptionValue(name, value)
     matrix, bound, order, _ = _stack(small, ~small.equality)
-    solver.passModel(_highs_model(small.center, matrix, np.where(small.equality[order], bound, -np.inf), bound))
+    A, n, lower = csc_matrix(matrix), len(small.center), np.where(small.equality[order], bound, -np.inf)
+    free, starts = np.full(n, np.inf), np.arange(n + 1, dtype=np.int32)  # no limits on x; a diagonal Hessian
+    solver.passModel(
+        n, len(bound), A.nnz, n, int(MatrixFormat.kColwise), int(HessianFormat.kTriangular), int(ObjSense.kMinimize),
+        0.0, -small.center, -free, free, lower, bound, A.indptr, A.indices, A.data,
+        starts, starts[:-1], np.ones(n), np.zeros(n, np.int32),
+    )  # fmt: skip
     with ThreadPoolExecutor(max_workers=1) as own_thread:
         own_thread.submit(solver.run).result()
     result = solver.getSolution()
     failure = None if solver.getModelStatus() == HighsModelStatus.kOptimal else Status.UNCERTIFIED
     return _answer(small, order, result.col_value, -np.array(result.row_dual), failure)
-
-
-def _highs_model(center: np.ndarray, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Any:
-    """lower ≤ Ax ≤ upper; the lower triangle of the Hessian; no limits on x."""
-    import highspy
-    from scipy.sparse import csc_matrix
-
-    rows = csc_matrix(matrix)
-    model, n = highspy.HighsModel(), len(center)
-    lp, hessian = model.lp_, model.hessian_
-    hessian.dim_, hessian.start_ = n, np.arange(n + 1, dtype=np.int32)
-    hessian.index_, hessian.value_ = np.arange(n, dtype=np.int32), np.ones(n)
-    lp.num_col_, lp.col_cost_ = n, -center
-    lp.col_lower_, lp.col_upper_ = np.full(n, -highspy.kHighsInf), np.full(n, highspy.kHighsInf)
-    lp.num_row_, lp.row_lower_, lp.row_upper_ = len(upper), lower, upper
-    lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-    lp.a_matrix_.num_row_, lp.a_matrix_.num_col_ = rows.shape
-    lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = rows.indptr, rows.indices, rows.data
-    return model
 
 
 def call_through_qpsolvers(name: str, options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
@@ -164,7 +152,7 @@ def failure_named(status: object) -> Status | None:
         return None
     if "infeasible" in text:
         return Status.INFEASIBLE
-    return Status.ITERATION_LIMIT if re.search("maxiter|maxtime|userlimit", text) else Status.UNCERTIFIED
+    return Status.ITERATION_LIMIT if re.search("max.*iter|limit|maxtime", text) else Status.UNCERTIFIED
 
 
 def _stack(small: SmallProblem, first: Bool[np.ndarray, "p"]) -> tuple[np.ndarray, np.ndarray, _Order, int]:

@@ -21,6 +21,7 @@ from .small_problem import SmallAnswer, SmallProblem
 # ‖z‖ beyond which r loses its digits; h is divided by the size found and the problem solved anew.
 _LARGE = 10.0
 _RESCALINGS = 4
+_Found = tuple[np.ndarray, np.ndarray]  # z, μ
 _EMPTY = SmallAnswer(None, None, failure=Status.INFEASIBLE)  # to be proven
 
 
@@ -57,11 +58,11 @@ def least_distance(small: SmallProblem) -> SmallAnswer:
     if (h[~usable] > RANK_TOLERANCE).any():
         return _EMPTY
     found = _solve_scaled(G[usable] / length[usable, None], h[usable] / length[usable])
-    if found.point is None or found.multipliers is None:
-        return found
-    x = origin + basis @ found.point
-    multipliers = np.zeros(len(small.bound))
-    multipliers[np.flatnonzero(free)[usable]] = found.multipliers / length[usable]
+    if isinstance(found, Status):
+        return SmallAnswer(None, None, failure=found)
+    z, weights = found
+    x, multipliers = origin + basis @ z, np.zeros(len(small.bound))
+    multipliers[np.flatnonzero(free)[usable]] = weights / length[usable]
     # The λ of least norm with A_Eᵀλ nearest to what is left.
     multipliers[small.equality] = (x - small.center - multipliers @ small.rows) @ pseudo_inverse
     return SmallAnswer(x, multipliers)
@@ -81,37 +82,33 @@ def _eliminate(small: SmallProblem) -> tuple[np.ndarray, Float[np.ndarray, "k f"
     return (point, right[rank:].T, pseudo_inverse) if error <= allowed else None
 
 
-def _solve_scaled(G: Float[np.ndarray, "p k"], h: Float[np.ndarray, "p"]) -> SmallAnswer:
+def _solve_scaled(G: Float[np.ndarray, "p k"], h: Float[np.ndarray, "p"]) -> _Found | Status:
     """z and μ of min ‖z‖ s.t. Gz ≥ h, in units that make ‖z‖ about 1."""
     size = 1.0
     for _ in range(_RESCALINGS):
         unit, found = size, _solve(G, h / size)
-        if found.point is None:
-            if found.failure == Status.ITERATION_LIMIT:
-                break
+        if found == Status.ITERATION_LIMIT:
+            break
+        if isinstance(found, Status):
             size *= 1e4  # r = 0 may mean a ‖z‖ that is too large to see
             continue
-        length = float(np.sqrt(found.point @ found.point))
+        length = float(np.sqrt(found[0] @ found[0]))
         if length <= _LARGE:
             break
         size *= length
-    if found.point is None or found.multipliers is None:
-        return found
-    return SmallAnswer(found.point * unit, found.multipliers * unit)
+    return found if isinstance(found, Status) else (found[0] * unit, found[1] * unit)
 
 
-def _solve(G: Float[np.ndarray, "p k"], h: Float[np.ndarray, "p"]) -> SmallAnswer:
+def _solve(G: Float[np.ndarray, "p k"], h: Float[np.ndarray, "p"]) -> _Found | Status:
     from scipy.optimize import nnls
 
     count, k = G.shape
     if count == 0:
-        return SmallAnswer(np.zeros(k), np.zeros(0))
-    E = np.vstack([G.T, h])
-    f = np.zeros(k + 1)
-    f[k] = 1.0
+        return np.zeros(k), np.zeros(0)
+    E, f = np.vstack([G.T, h]), np.append(np.zeros(k), 1.0)
     try:
         u, _ = nnls(E, f, maxiter=30 * count)
     except RuntimeError:
-        return SmallAnswer(None, None, failure=Status.ITERATION_LIMIT)
+        return Status.ITERATION_LIMIT
     r = E @ u - f
-    return SmallAnswer(-r[:k] / r[k], -u / r[k]) if -r[k] > 1e-14 else _EMPTY
+    return (-r[:k] / r[k], -u / r[k]) if -r[k] > 1e-14 else Status.INFEASIBLE

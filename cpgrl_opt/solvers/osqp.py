@@ -11,10 +11,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..direction import Direction, DirectionBatch, Status
+from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch
 from .base import SmallSolver
 from .interrupts import run_alone
+from .library_calls import failure_named
 from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 
@@ -123,22 +124,7 @@ def _run(workspace: Any) -> SmallAnswer:
     result = run_alone(partial(workspace.solve, raise_error=False))
     if result.info.status_val == SolverStatus.OSQP_SIGINT:
         interrupt_main()
-    failure, iterations = verdict_of(result.info.status_val), int(result.info.iter)
+    failure, iterations = failure_named(result.info.status), int(result.info.iter)
     if result.x is None:
         return SmallAnswer(None, None, iterations, failure)
     return SmallAnswer(np.array(result.x, np.float64), -np.array(result.y), iterations, failure)
-
-
-def verdict_of(status_value: int) -> Status | None:
-    """OSQP's verdict in our terms; None where it claims to have solved the problem."""
-    from osqp import SolverStatus
-
-    failures = {
-        SolverStatus.OSQP_SOLVED: None,
-        SolverStatus.OSQP_SOLVED_INACCURATE: Status.UNCERTIFIED,
-        SolverStatus.OSQP_PRIMAL_INFEASIBLE: Status.INFEASIBLE,
-        SolverStatus.OSQP_PRIMAL_INFEASIBLE_INACCURATE: Status.INFEASIBLE,
-        SolverStatus.OSQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,
-        SolverStatus.OSQP_TIME_LIMIT_REACHED: Status.ITERATION_LIMIT,
-    }
-    return failures.get(SolverStatus(status_value), Status.NUMERICAL_ERROR)

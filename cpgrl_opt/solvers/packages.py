@@ -13,22 +13,20 @@ class MissingPackageError(ImportError):
     Made of the names of the solver, of the package, and of the extra that brings it.
     """
 
+    _message = "which is not installed; type: pip install 'cpgrl-opt[{2}]'"
+
     def __str__(self) -> str:
         """From the arguments alone, with which pickle makes the error anew in another process."""
-        solver, package, extra = self.args
-        return (
-            f"solver {solver!r} needs the package {package}, which is not installed; "
-            f"type: pip install 'cpgrl-opt[{extra}]'"
-        )
+        return f"solver {{0!r}} needs the package {{1}}, {self._message}".format(*self.args)
 
 
 class UnusablePackageError(MissingPackageError):
-    """A solver's package is installed, yet cannot be imported, e.g. for want of a system library; says why."""
+    """A solver's package is installed, yet cannot be imported, e.g. for want of a system library.
 
-    def __str__(self) -> str:
-        """The third argument is the reason."""
-        solver, package, reason = self.args
-        return f"solver {solver!r} needs the package {package}, which is installed but cannot be imported: {reason}"
+    The third argument is the reason.
+    """
+
+    _message = "which is installed but cannot be imported: {2}"
 
 
 def has_package(package: str) -> bool:

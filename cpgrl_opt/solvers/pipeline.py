@@ -34,6 +34,9 @@ _LARGER_UNITS = (1e3, 1e6)
 
 def solve_by(core: Core, problem: DirectionProblem, *, tolerance: float, polished: bool = True) -> Direction:
     """The direction that the core finds, with an honest status. M = I, no ball."""
+    arrays = problem.gradient, problem.jacobian, np.where(problem.bound == -np.inf, 0.0, problem.bound)
+    if not all(np.isfinite(array).all() for array in arrays):  # only a forged problem
+        return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
     scaled = scale_problem(problem)
     known = _screen(scaled)
     if known is not None:

@@ -45,10 +45,6 @@ class SmallProblem:
         row_lengths = None if self.lengths is None else self.lengths[rows]
         return SmallProblem(self.center, self.rows[rows], self.bound[rows], self.equality[rows], row_lengths)
 
-    def divide(self, factor: float) -> "SmallProblem":
-        """The same problem in units `factor` times as large."""
-        return replace(self, center=self.center / factor, bound=self.bound / factor)
-
 
 @dataclass(frozen=True, eq=False)
 class SmallAnswer:
@@ -105,7 +101,8 @@ class ScaledProblem:
 
     def rescale(self, factor: float) -> "ScaledProblem":
         """The same problem in units `factor` times as large."""
-        return replace(self, small=self.small.divide(factor), scale=self.scale * factor)
+        small = replace(self.small, center=self.small.center / factor, bound=self.small.bound / factor)
+        return replace(self, small=small, scale=self.scale * factor)
 
     def original_multipliers(self, multipliers: Float[np.ndarray, "p"]) -> Multipliers:
         """μᵢ = μ̂ᵢ s / ‖Jᵢ‖ on the kept rows, 0 elsewhere; (m,). The quotient first, so that 1e±170 passes."""
@@ -116,12 +113,7 @@ class ScaledProblem:
 
 
 def scale_problem(problem: DirectionProblem) -> ScaledProblem:
-    """The problem in its own units."""
-    is_finite = np.isfinite(problem.gradient).all() and np.isfinite(problem.jacobian).all()
-    if not is_finite or not (problem.bound < np.inf).all():  # only a forged problem; comparisons hide a NaN
-        none = np.zeros(problem.m, np.bool_)
-        whole = SmallProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality)
-        return ScaledProblem(problem, whole, none, none, np.nan, unit_rows(np.zeros_like(problem.jacobian)))
+    """The problem, of finite numbers, in its own units."""
     unit = unit_rows(problem.jacobian)
     bound = unit.per_length(problem.bound)
     is_zero = unit.largest == 0.0
@@ -130,8 +122,9 @@ def scale_problem(problem: DirectionProblem) -> ScaledProblem:
     equality, bound = problem.equality[kept], bound[kept]
     scale = max(float(lengths(problem.gradient)), float(demand(bound, equality).max(initial=0.0)))
     row_lengths = unit.largest[kept] * unit.relative[kept]
-    whole = SmallProblem(problem.gradient, unit.jacobian[kept], bound, equality, row_lengths)
-    return ScaledProblem(problem, whole.divide(scale if 0.0 < scale < np.inf else 1.0), kept, impossible, scale, unit)
+    size = scale if 0.0 < scale < np.inf else 1.0
+    small = SmallProblem(problem.gradient / size, unit.jacobian[kept], bound / size, equality, row_lengths)
+    return ScaledProblem(problem, small, kept, impossible, scale, unit)
 
 
 def reduce_problem(small: SmallProblem) -> tuple[SmallProblem, Float[np.ndarray, "n k"]]:
