@@ -101,6 +101,6 @@ def find_solver(solver: DirectionSolver | str) -> DirectionSolver:
 __all__ = [
     "CVXPY", "DEFAULT_TOLERANCE", "NNLS", "OSQP", "SOLVERS", "ActiveSet", "DirectionSolver", "Enumeration",
     "MissingPackageError", "QPSolversBackend", "Rosen", "RosenDrop", "UnusablePackageError", "WithGeometry",
-    "compile_kernels", "facts_of", "find_solver", "has_package", "is_installed", "is_usable", "obstacle", "refereed", "solve",
-    "solve_batch", "solver_named", "supports", "tolerance_of",
+    "compile_kernels", "facts_of", "find_solver", "has_package", "is_installed", "is_usable", "obstacle", "refereed",
+    "solve", "solve_batch", "solver_named", "supports", "tolerance_of",
 ]  # fmt: skip

@@ -70,10 +70,10 @@ class OSQPSession(SmallSolver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; ValueError unless the problem has the session's shape."""
-        if (problem.m, problem.n) != (self.m, self.n):
+        m, n = problem.m, problem.n
+        if (m, n) != (self.m, self.n):
             raise ValueError(
-                f"problem should have m = {self.m} and n = {self.n} as its session; "
-                f"found m = {problem.m}, n = {problem.n}"
+                f"problem should have m = {self.m} and n = {self.n} as its session; found m = {m}, n = {n}"
             )
         return super().solve(problem)
 

@@ -34,10 +34,11 @@ class BackEnd:
     least: float = 0.0
     extra: str = "solvers"
 
-    def options(self, tolerance: float, iterations: int, seconds: float) -> dict[str, Any]:
+    def options(self, settings: Any) -> dict[str, Any]:
         """Keyword arguments of its solve function."""
-        accuracy = {name: max(self.least, factor * tolerance) for name, factor in self.accuracy.items()}
-        return {**accuracy, **dict(zip(self.limits, (iterations, seconds), strict=False)), **self.others}
+        limit = self.iterations if settings.iteration_limit is None else settings.iteration_limit
+        accuracy = {name: max(self.least, factor * settings.tolerance) for name, factor in self.accuracy.items()}
+        return {**accuracy, **dict(zip(self.limits, (limit, settings.time_limit), strict=False)), **self.others}
 
 
 _DUAL, _INTERIOR = "dual active set, certified or UNCERTIFIED", "interior point, polished"
@@ -118,9 +119,7 @@ class QPSolversBackend(SmallSolver):
     def _call(self) -> Core:
         """The library's function with all options."""
         back_end = BACK_ENDS[self.name]
-        limit = back_end.iterations if self.iteration_limit is None else self.iteration_limit
-        options = {**back_end.options(self.tolerance, limit, self.time_limit), **self.options}
-        return partial(back_end.call, options)
+        return partial(back_end.call, {**back_end.options(self), **self.options})
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The back end's x and μ."""
