@@ -296,28 +296,24 @@ def _place(out: Path, files: Sequence[str], key: Mapping[str, Any], *, anew: boo
 
 @contextmanager
 def _telling_what_is_kept(progress: "TrainingProgress", place: Path, out: Path) -> Iterator[None]:
-    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line."""
-    with _signals_answered(lambda: _kept(progress, place, out)), _clean_errors():
+    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line.
+
+    After Ctrl-C, SIGTERM and SIGHUP the command exits with 128 + the signal's number.
+    """
+    with _clean_errors():
         try:
             yield
+        except (KeyboardInterrupt, SystemExit) as end:
+            code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
+            if code not in (INTERRUPTED, *TERMINATED):
+                raise
+            say(f"Interrupted. {_kept(progress, place, out)}", err=True)
+            raise typer.Exit(int(code)) from None
         except Exception:
             progress.stop()
             if progress.recorded:
                 say(_kept(progress, place, out), err=True)
             raise
-
-
-@contextmanager
-def _signals_answered(tell: Callable[[], str]) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP: one line with what is kept, and 128 + the signal's number to exit with."""
-    try:
-        yield
-    except (KeyboardInterrupt, SystemExit) as end:
-        code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
-        if code not in (INTERRUPTED, *TERMINATED):
-            raise
-        say(f"Interrupted. {tell()}", err=True)
-        raise typer.Exit(int(code)) from None
 
 
 def _kept(progress: "TrainingProgress", place: Path, out: Path) -> str:

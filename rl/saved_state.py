@@ -9,11 +9,12 @@ import math
 import os
 import zipfile
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from cpgrl_opt.comparison.whole_file import whole_file
 
 _TEXT = "state.json"
 _FORMAT = "cpgrl state 1"
@@ -28,21 +29,13 @@ def write_state(path: Path | str, kind: str, state: Mapping[str, Any]) -> None:
     """
     arrays: list[np.ndarray] = []
     text = json.dumps({"format": _FORMAT, "kind": kind, "state": _packed(state, arrays, "state")})
-    target = Path(path)
-    part = target.with_name(f"{target.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            with zipfile.ZipFile(file, "w") as archive:
-                archive.writestr(zipfile.ZipInfo(_TEXT, _BEGINNING), text)
-                for index, array in enumerate(arrays):
-                    archive.writestr(zipfile.ZipInfo(f"{index}.npy", _BEGINNING), _bytes_of(array))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, target)
-    except BaseException:
-        with suppress(OSError):
-            part.unlink()
-        raise
+    with whole_file(Path(path)) as part, part.open("wb") as file:
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr(zipfile.ZipInfo(_TEXT, _BEGINNING), text)
+            for index, array in enumerate(arrays):
+                archive.writestr(zipfile.ZipInfo(f"{index}.npy", _BEGINNING), _bytes_of(array))
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def read_state(path: Path | str, kind: str) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """The body of `cpgrl compare`: what is asked for, run, written and said."""
 
-import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from .checkpoint import MEASUREMENTS, CellKey
 from .contestants import DEFAULT_SOLVER, installed
 from .families import FAMILIES
 from .folder_lock import locked_folder
+from .machine import machine
 from .measurement import Cell, Measurement, cells_of, write_cells
 from .named_families import families_asked, family_named
 from .runner import COMMON_PACKAGES, ComparisonSettings, Listen, open_checkpoint, run_comparison
@@ -153,26 +153,6 @@ def versions(solvers: Sequence[str]) -> dict[str, str]:
         except PackageNotFoundError:  # a bare checkout, or someone's own module
             found[package] = "no version known"
     return found
-
-
-def machine() -> dict[str, object]:
-    """Operating system, processor and cores."""
-    return {
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "processor": _processor(),
-        "cores": os.cpu_count() or 1,
-    }
-
-
-def _processor() -> str:
-    """The processor's name where the system tells it, else its architecture."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def _package(solver: str) -> str:

@@ -163,14 +163,7 @@ class ArmExperiment(Experiment):
 
     def gradient_estimator(self, condition: str) -> GradientEstimator:
         """Eq. 5, or eq. 3, with eq. 4."""
-        shared: dict[str, Any] = {
-            "trace_decay": self.trace_decay,
-            "average_rate": self.average_rate,
-            "average": CONDITIONS[condition].average,
-            "steps": self.steps,
-            "gradient": self.gradient,
-            "bias_correction": self.bias_correction,
-        }
+        shared = {**self.estimated(), "average": CONDITIONS[condition].average}
         if self.estimator == "gpomdp":
             return GPOMDP(**shared)
         return KondaActorCritic(**shared, critic_rate=self.critic_rate)

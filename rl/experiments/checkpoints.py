@@ -5,16 +5,17 @@ It is there from the beginning of an experiment until its results are complete.
 
 import hashlib
 import json
-import os
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+
+from cpgrl_opt.comparison.whole_file import whole_file
 
 from ..saved_state import read_state, write_state
 from .summary import versions
@@ -22,10 +23,8 @@ from .summary import versions
 FOLDER = ".cpgrl-checkpoint"  # a name that nobody else has: it is removed with all that is in it
 EVERY = 10.0  # s between two checkpoints of a training
 _KIND = "checkpoint of an experiment"
-_KEY, _PARTS = "experiment.json", "parts.json"
+_KEY = "experiment.json"
 _PACKAGES = ("cpgrl_opt", "envs", "rl")
-
-Message = TypeVar("Message")
 
 
 class CheckpointError(ValueError):
@@ -49,10 +48,16 @@ def experiment_key(experiment: str, settings: Any, *packages: str) -> dict[str, 
 
 def holds(place: Path, key: Mapping[str, Any]) -> bool:
     """Whether the place has a checkpoint of this experiment."""
+    return _parts(place, key) > 0
+
+
+def _parts(place: Path, key: Mapping[str, Any]) -> int:
+    """Into how many shares each training's runs were split in this place; 0 where it has no checkpoint of the key."""
     try:
-        return bool(json.loads((place / FOLDER / _KEY).read_text(encoding="utf-8")) == key)
-    except (OSError, ValueError):
-        return False
+        found = json.loads((place / FOLDER / _KEY).read_text(encoding="utf-8"))
+        return int(found["parts"]) if found["key"] == key else 0
+    except (OSError, ValueError, TypeError, KeyError):
+        return 0
 
 
 def require_interval(every: float) -> None:
@@ -69,33 +74,24 @@ def forget(place: Path) -> None:
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """The folder of an experiment's checkpoints, and how many seconds may be lost when it is killed."""
+    """An experiment's checkpoints.
+
+    every: how many seconds may be lost when it is killed; parts: into how many shares each training's runs are split.
+    """
 
     folder: Path
-    every: float = EVERY
+    every: float
+    parts: int
 
     @classmethod
-    def begun(cls, place: Path, key: Mapping[str, Any], every: float) -> "Checkpoints":
-        """Those of the experiment in this place, or none yet."""
-        checkpoints = cls(place / FOLDER, every)
+    def begun(cls, place: Path, key: Mapping[str, Any], every: float, parts: int) -> "Checkpoints":
+        """Those of the experiment in this place, in as many parts as it began with; or none yet."""
         if not holds(place, key):
             forget(place)
-            checkpoints.folder.mkdir(exist_ok=True)
-            _write_json(checkpoints.folder / _KEY, key)
-        return checkpoints
-
-    def parts(self, wanted: int) -> int:
-        """Into how many shares each training's runs are split: as many as when it began."""
-        path = self.folder / _PARTS
-        if not path.exists():
-            _write_json(path, wanted)
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
-            found = None
-        if type(found) is not int or found < 1:
-            raise CheckpointError(f"{path} should hold a number ≥ 1; found something else. --anew starts over")
-        return found
+            (place / FOLDER).mkdir(exist_ok=True)
+            with whole_file(place / FOLDER / _KEY) as beside:
+                beside.write_text(json.dumps({"key": key, "parts": parts}), encoding="utf-8")
+        return cls(place / FOLDER, every, _parts(place, key))
 
 
 class Checkpoint:
@@ -124,22 +120,3 @@ class Checkpoint:
         if self.path is not None:
             write_state(self.path, _KIND, state)
             self.last = perf_counter()
-
-
-def as_columns(messages: Sequence[Any]) -> dict[str, Any]:
-    """Dataclass instances of one kind, field by field: arrays stacked, a list of anything else."""
-    if not messages:
-        return {}
-    columns = {field.name: [getattr(each, field.name) for each in messages] for field in fields(messages[0])}
-    return {name: np.stack(own) if isinstance(own[0], np.ndarray) else own for name, own in columns.items()}
-
-
-def from_columns(kind: type[Message], columns: Mapping[str, Any]) -> list[Message]:
-    """The instances again."""
-    return [kind(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
-
-
-def _write_json(path: Path, content: Any) -> None:
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.write_text(json.dumps(content), encoding="utf-8")
-    os.replace(part, path)

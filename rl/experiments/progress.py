@@ -2,22 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-
-class Report(Protocol):
-    """What a training task reports: what it trains, how far it is; `recorded = True` if the results hold it."""
-
-    @property
-    def label(self) -> str:
-        """Method or condition."""
-
-    @property
-    def episode(self) -> int:
-        """Updates done."""
+from .records import Advance
 
 
 class TrainingProgress:
@@ -30,11 +19,11 @@ class TrainingProgress:
         }
         self.recorded: dict[str, int] = {}
 
-    def listen(self, report: Report) -> None:
+    def listen(self, advance: Advance) -> None:
         """Moves the bar."""
-        if getattr(report, "recorded", False):
-            self.recorded[report.label] = report.episode
-        self.bars.update(self._tasks[report.label], completed=report.episode, description=report.label)
+        if advance.recorded:
+            self.recorded[advance.label] = advance.episode
+        self.bars.update(self._tasks[advance.label], completed=advance.episode, description=advance.label)
 
     def stop(self) -> None:
         """Takes the bars away."""

@@ -52,8 +52,7 @@ def train(
     cases = experiment.cases()
     for solver in {case.solver for case in cases if case.solver}:
         require_packages(solver_named(solver))  # before a training rather than in its middle
-    parts = parts_for(experiment, processes)
-    shares = shared_out(experiment, parts if checkpoints is None else checkpoints.parts(parts))
+    parts = parts_for(experiment, processes) if checkpoints is None else checkpoints.parts
     with Records(experiment, directory) as records:
 
         def heard(message: Message) -> None:
@@ -62,7 +61,7 @@ def train(
                 listen(advance)
 
         task = partial(train_share, checkpoints=checkpoints)
-        outcomes = run_tasks(task, shares, heard, processes=processes, meanwhile=meanwhile)
+        outcomes = run_tasks(task, shared_out(experiment, parts), heard, processes=processes, meanwhile=meanwhile)
     return Results(
         experiment,
         {case.label: records.curves(case.label) for case in cases},

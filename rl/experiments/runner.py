@@ -14,7 +14,7 @@ from .comparison import Comparison
 from .experiment import Experiment, Results
 from .figure_style import load_figures, paper_style, save_figure
 from .messages import Outcome
-from .records import Listener, train
+from .records import Listener, parts_for, train
 from .results_directory import results_directory
 from .step_report import handing_over, in_words
 from .subproblems import FILE as SUBPROBLEMS
@@ -56,7 +56,7 @@ def reproduce(
     key = key_of(experiment)
     with results_directory(directory, files_of(experiment), key) as place:
         was_stopped = holds(place, key)
-        checkpoints = Checkpoints.begun(place, key, checkpoint_every)
+        checkpoints = Checkpoints.begun(place, key, checkpoint_every, parts_for(experiment, processes))
         begun = perf_counter()
         results = train(
             experiment, place, processes=processes, listen=listen, meanwhile=_load, checkpoints=checkpoints

@@ -12,7 +12,7 @@ from ..training import TrainingRecord
 from .checkpoints import Checkpoint, Checkpoints
 from .experiment import Case, Experiment
 from .messages import Block, Message, Outcome, Tick
-from .subproblems import SubproblemRecorder, subproblem_recorder
+from .subproblems import SubproblemRecorder
 
 _TICK = 0.2  # s between signs of life
 
@@ -59,10 +59,10 @@ class _Course:
             self._tell(0)
 
     def _watcher(self, saved: Mapping[str, Any] | None) -> SubproblemRecorder | None:
-        if not self.case.kept:
-            return None
         settings, case = self.experiment, self.case
-        return subproblem_recorder(
+        if not case.kept or not settings.record:
+            return None
+        return SubproblemRecorder(
             settings.record, case.label, self.runs, of=settings.runs, episodes=case.episodes, saved=saved
         )
 

@@ -9,58 +9,36 @@ import numpy as np
 
 from cpgrl_opt.comparison.recorder import Recorder, in_words, stretches
 from cpgrl_opt.comparison.recording import Recording, joined
-from cpgrl_opt.direction import DirectionBatch
-from cpgrl_opt.problem import ProblemBatch
 
 FILE = "subproblems.npz"
 
 
-class SubproblemRecorder:
-    """Watches these runs of a training of `of` runs, and keeps at most `limit` problems.
+class SubproblemRecorder(Recorder):
+    """Keeps at most `limit` problems of these runs of a training of `of` runs.
 
-    before: what it kept before it was stopped after `episode` episodes.
+    saved: of a training that goes on, what its checkpoint holds.
     """
 
     def __init__(
         self, limit: int, training: str, runs: Sequence[int], *, of: int, episodes: int,
-        before: Recording | None = None, episode: int = 0,
+        saved: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
+        self.before = None if saved is None else Recording(**saved["recording"])
         chosen = stretches(limit, of, episodes)
-        kept = np.bincount(() if before is None else before.stretch, minlength=len(chosen))
+        kept = np.bincount(() if self.before is None else self.before.stretch, minlength=len(chosen))
         left = [replace(each, room=each.room - int(own)) for each, own in zip(chosen, kept, strict=True)]
-        self.before = before
-        self.recorder = Recorder(runs, left, training, in_words(limit, chosen, episodes))
-        self.recorder.episode = episode + 1
-
-    def __call__(self, problems: ProblemBatch, answers: DirectionBatch) -> None:
-        """An `Observer`."""
-        self.recorder(problems, answers)
-
-    def next_episode(self) -> None:
-        """The update is done."""
-        self.recorder.next_episode()
+        super().__init__(runs, left, training, in_words(limit, chosen, episodes))
+        self.episode = 1 if saved is None else saved["training"]["episode"] + 1
 
     def recording(self) -> Recording:
         """What was kept so far."""
-        recording = self.recorder.recording()
+        recording = super().recording()
         return recording if self.before is None else joined([self.before, recording])
 
     def state(self) -> dict[str, Any]:
-        """For `before`, as plain values."""
+        """The recording as plain values."""
         recording = self.recording()
         return {field.name: getattr(recording, field.name) for field in fields(recording)}
-
-
-def subproblem_recorder(
-    limit: int, training: str, runs: Sequence[int], *, of: int, episodes: int, saved: Mapping[str, Any] | None = None
-) -> SubproblemRecorder | None:
-    """None for limit 0. saved: of a training that goes on, what its checkpoint holds."""
-    if limit == 0:
-        return None
-    stopped: dict[str, Any] = {}
-    if saved is not None:
-        stopped = {"before": Recording(**saved["recording"]), "episode": saved["training"]["episode"]}
-    return SubproblemRecorder(limit, training, runs, of=of, episodes=episodes, **stopped)
 
 
 def joined_recordings(recordings: Iterable[Recording | None]) -> Recording | None:

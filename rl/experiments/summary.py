@@ -1,7 +1,6 @@
 """`summary.json`: with what a result was made, by what, on what, and how long it took."""
 
 import json
-import os
 import platform
 import sys
 from collections.abc import Mapping
@@ -9,8 +8,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from cpgrl_opt.comparison.machine import machine
+
 _PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "gymnasium", "matplotlib")
-_CPUINFO = Path("/proc/cpuinfo")
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -22,26 +22,6 @@ def versions(*packages: str) -> dict[str, str]:
         except PackageNotFoundError:  # an optional one, or the project run from a bare checkout
             found[package] = "not installed"
     return found
-
-
-def machine() -> dict[str, Any]:
-    """Operating system, architecture, processor and cores; nothing that names this one machine."""
-    return {
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-    }
-
-
-def _processor() -> str:
-    """The processor's model where the system tells it, else what Python knows, else its architecture."""
-    try:
-        lines = _CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:  # not Linux
-        lines = []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return next(iter(models), platform.processor() or platform.machine())
 
 
 def write_summary(path: Path, steps_per_second: float, contents: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 
 from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
 from cpgrl_opt.arrays import Float, Int
+from cpgrl_opt.comparison.machine import machine
 from cpgrl_opt.solvers import SOLVERS, compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
 from cpgrl_opt.validation import require_count
@@ -39,7 +40,7 @@ from .experiment import Case, Experiment, Recorder, Results, option
 from .learning_curves import LearningCurves, spread
 from .mdp_figures import averages_figure, policies_figure
 from .messages import Outcome
-from .summary import machine, versions
+from .summary import versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -127,10 +128,7 @@ class ThreeStateExperiment(Experiment):
 
     def estimator(self) -> GPOMDP:
         """Eq. 3 and 4."""
-        return GPOMDP(
-            trace_decay=self.trace_decay, average_rate=self.average_rate, steps=self.steps,
-            gradient=self.gradient, bias_correction=self.bias_correction,
-        )  # fmt: skip
+        return GPOMDP(**self.estimated())
 
     def learner(self, case: ThreeStateCase) -> Learner:
         """CPGRL, CONB or SUM."""

@@ -1,10 +1,11 @@
 """A tidy CSV that is on disk row by row while training runs, and in order at the end."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
+
+from cpgrl_opt.comparison.whole_file import whole_file
 
 # (label, run, episode), then measurements
 Row = Sequence[str | int | float]
@@ -47,9 +48,6 @@ class TidyCsv:
         if self._file is not None:
             self._file.close()
             self._file = None
-        # Replaced in one go: whenever the process is killed, there is a whole file under the name.
-        ordered = self.path.with_name(self.path.name + ".part")
-        with ordered.open("w", encoding="utf-8", newline="") as file:
-            file.write(self.header)
-            file.writelines(line for *_, line in sorted(self.rows))
-        os.replace(ordered, self.path)
+        with whole_file(self.path) as ordered:
+            lines = [self.header, *(line for *_, line in sorted(self.rows))]
+            ordered.write_text("".join(lines), encoding="utf-8", newline="")
