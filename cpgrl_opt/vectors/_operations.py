@@ -44,23 +44,18 @@ def has_operations(value: Any) -> bool:
 class OperationVectors(Vectors):
     """Such an object, made to offer what all kinds do; what a d is worth is measured on d itself."""
 
-    jacobian = None  # it is in the object
-
     def __init__(self, given: Any) -> None:
         self.gradient = given
+        self.has_pairs = hasattr(given, "gramian_in_pairs") and hasattr(given, "lincomb_in_pairs")
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what was found."""
-        return {"gradient": self.gradient}
+        return {"gradient": self.gradient, "has_pairs": self.has_pairs}
 
     @property
     def shape(self) -> tuple[int, int]:
         """(m, n), n = 0 where the object does not say."""
         return len(self.gramian()) - 1, int(getattr(self.gradient, "n", 0))
-
-    def channels(self) -> Any:
-        """The object."""
-        return self.gradient
 
     def are_finite(self) -> bool:
         """Seen in K: a square that overflows is refused too."""
@@ -77,11 +72,6 @@ class OperationVectors(Vectors):
         """The object's own; ValueError for what is no table of inner products."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             return _checked("gramian()", self.gradient.gramian())
-
-    @property
-    def has_pairs(self) -> bool:
-        """Whether the object has."""
-        return hasattr(self.gradient, "gramian_in_pairs") and hasattr(self.gradient, "lincomb_in_pairs")
 
     def gramian_in_pairs(self) -> Pair:
         """The object's own."""

@@ -40,8 +40,6 @@ class Sharded(Vectors):
     on all where one part does not fit or numbers of rows differ.
     """
 
-    jacobian = None  # it is in the parts
-
     def __init__(self, gradient: Any, jacobian: Any = None, *, gather: Gather = gather_by_torch) -> None:
         self._gather = gather
         self._known: Exception | None = None  # the last error of which all ranks know
@@ -57,14 +55,10 @@ class Sharded(Vectors):
             raise ValueError(f"all ranks should have one number of rows; found {m.astype(int).tolist()}")
         if not n.any():
             raise ValueError("gradient should have at least one component; found none on any rank")
-        self._shape, self._has_pairs = (int(m[0]), int(n.sum())), bool(has_pairs.all())
+        self._shape, self.has_pairs = (int(m[0]), int(n.sum())), bool(has_pairs.all())
 
     @property
-    def gradient(self) -> Any:
-        """As `DirectionProblem` takes it."""
-        return self
-
-    def channels(self) -> Any:
+    def gradient(self) -> Any:  # type: ignore[override]  # an attribute would be a circle, and parts would live on
         """It is they."""
         return self
 
@@ -105,11 +99,6 @@ class Sharded(Vectors):
         """The sum of those of all parts."""
         count = 1 + self._shape[0]
         return self._sum(_GRAMIAN, lambda: ([], self.part.gramian())).hi.reshape(count, count)
-
-    @property
-    def has_pairs(self) -> bool:
-        """Where all parts have."""
-        return self._has_pairs
 
     def gramian_in_pairs(self) -> Pair:
         """The same in pairs."""

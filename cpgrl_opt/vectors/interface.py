@@ -33,16 +33,14 @@ class Certificate:
 class Vectors:
     """g and the rows of J, of whatever kind: what every kind offers, and what follows from it.
 
-    A kind brings `shape`, `are_finite`, `is_zero`, `channels`, `find_gramian`, `gramian_in_pairs`, `form` and
-    `measure`. Weights are of g first, then of each row.
+    A kind brings `shape`, `are_finite`, `is_zero`, `find_gramian`, `gramian_in_pairs`, `form` and `measure`. Weights
+    are of g first, then of each row.
     """
 
+    gradient: Any  # as `DirectionProblem` takes it, and
+    jacobian: Any = None  # None where the rows are in an object with g
     has_rows: ClassVar[bool] = False  # whether g and J can be put together as arrays of float64
-
-    @property
-    def has_pairs(self) -> bool:
-        """Whether K and combinations can be had in pairs."""
-        return True
+    has_pairs: bool = True  # whether K and combinations can be had in pairs
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -59,7 +57,7 @@ class Vectors:
 
     def channels(self) -> Any:
         """g and the rows as a `Linearization` takes them."""
-        raise NotImplementedError
+        return self.gradient
 
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """K in float64."""
