@@ -148,9 +148,10 @@ def kinds(A: np.ndarray) -> Iterator[tuple[str, np.ndarray, Any, Any]]:
         tensor = torch.from_numpy(A)
         for B, given in ((wide, tensor.double()), (A, tensor), (A, tensor.bfloat16())):
             yield f"tensor, {str(given.dtype).removeprefix('torch.')}", B, given[0], given[1:]
-        parts = [part.clone() for part in tensor.tensor_split(LEAVES, dim=1)]
-        yield f"{TREE} tensors, stacked, float32", A, [part[0] for part in parts], [part[1:] for part in parts]
-        yield f"{TREE} tensors, rows apart, float32", A, *each_row(parts)
+        for B in (wide, A):
+            parts = [part.clone() for part in torch.from_numpy(B).tensor_split(LEAVES, dim=1)]
+            yield f"{TREE} tensors, stacked, {B.dtype}", B, [part[0] for part in parts], [part[1:] for part in parts]
+            yield f"{TREE} tensors, rows apart, {B.dtype}", B, *each_row(parts)
     if "jax" in packages:
         array = packages["jax"].numpy.asarray(A)
         yield "JAX, float32", A, array[0], array[1:]

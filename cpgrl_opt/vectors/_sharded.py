@@ -58,7 +58,7 @@ class Sharded(Vectors):
         self._shape, self.has_pairs = (int(m[0]), int(n.sum())), bool(has_pairs.all())
 
     @property
-    def gradient(self) -> Any:  # type: ignore[override]  # an attribute would be a circle, and parts would live on
+    def gradient(self) -> Any:  # an attribute would be a circle, and parts would live on
         """It is they."""
         return self
 

@@ -1,6 +1,7 @@
 """The structure of trees: lists, tuples and dicts, nested, around leaves of any kind."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 NODES = (list, tuple, dict)
@@ -30,9 +31,10 @@ def mapped(change: Callable[[Any], Any], tree: Any) -> Any:
     """The tree of changed leaves; named tuples stay what they are."""
     if not isinstance(tree, NODES):
         return change(tree)
+    values = tree.values() if isinstance(tree, dict) else tree
+    parts = [*map(partial(mapped, change) if _has_nodes(values) else change, values)]
     if isinstance(tree, dict):
-        return {key: mapped(change, part) for key, part in tree.items()}
-    parts = [mapped(change, part) for part in tree]
+        return dict(zip(tree, parts, strict=True))
     if isinstance(tree, list):
         return parts
     return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)

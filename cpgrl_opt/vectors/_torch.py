@@ -77,7 +77,7 @@ def as_tensor(part: Any, like: Any) -> Any:
         return part.reshape(like.shape)
     part = part if part.flags.writeable else part.copy()  # of what is read-only it would warn
     tensor = torch.from_numpy(part if like.ndim == 1 else part.reshape(like.shape))  # by NumPy, which takes no time
-    tensor = tensor.view(torch.bfloat16) if part.dtype == np.uint16 else tensor
+    tensor = tensor.view(torch.bfloat16) if part.dtype.kind == "u" else tensor
     return tensor if like.is_cpu else tensor.to(like.device)
 
 

@@ -67,16 +67,23 @@ class TreeVectors(LeafVectors):
     @cached_property
     def _is_stacked(self) -> bool:
         """Whether J is one tree whose leaves have the constraints as their first axis."""
-        if structure_of(self.jacobian) != structure_of(self.gradient):
+        are_nodes = isinstance(self.gradient, NODES) and isinstance(self.jacobian, NODES)
+        if are_nodes and len(self.jacobian) != len(self.gradient):  # rows, most often: which need no comparing
+            return False
+        if structure_of(self.jacobian) != self._structure:
             return False
         own, others = leaves_of(self.gradient, self.gradient), leaves_of(self.jacobian, self.gradient)
         return [*map(np.ndim, others)] == [1 + np.ndim(leaf) for leaf in own]
 
+    @cached_property
+    def _structure(self) -> Any:
+        return structure_of(self.gradient)
+
     def _in_order(self, tree: Any, name: str) -> list[Any]:
         """Its leaves; ValueError for another structure than g's."""
-        wanted, found = structure_of(self.gradient), structure_of(tree)
-        if found != wanted:
-            raise ValueError(f"{name} should have the structure of gradient, {wanted}; found {found}")
+        found = structure_of(tree)
+        if found != self._structure:
+            raise ValueError(f"{name} should have the structure of gradient, {self._structure}; found {found}")
         return leaves_of(tree, self.gradient)
 
     def _flat(self, name: str, leaves: list[Any], *, is_row: bool = True) -> list[Any]:
