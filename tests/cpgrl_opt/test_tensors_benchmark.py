@@ -29,7 +29,7 @@ def test_it_runs_tiny_and_compares_what_is_installed(
 ) -> None:
     rows = run(load_benchmark("tensors"), tmp_path, monkeypatch)
     said = capsys.readouterr().out
-    for name, lines in (("torch", 5), ("jax", 1), ("torchjd", 18)):
+    for name, lines in (("torch", 7), ("jax", 1), ("torchjd", 18)):
         kinds = [row for row in rows if (row["beside"] == "arrays") != (name == "torchjd")]
         if name != "torchjd":
             kinds = [row for row in kinds if {"torch": "tensor", "jax": "JAX"}[name] in row["kind"]]
