@@ -13,8 +13,9 @@ import numpy as np
 from .drop_rule import NEGLIGIBLE
 from .formulation import LARGE
 from .machine_code import forget_outdated_kernels
-from .solvers.compiled._direct import SHARP, WEIGHT, solve_problem
+from .solvers.compiled._direct import SHARP, solve_problem
 from .solvers.compiled._entry_point import entry_point, inlined
+from .solvers.compiled._exchange import WEIGHT
 
 _FOLDER = Path(__file__).parent
 forget_outdated_kernels(_FOLDER, "direct_step*", (_FOLDER / "solvers" / "compiled").glob("*.py"))

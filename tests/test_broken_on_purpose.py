@@ -38,8 +38,8 @@ MUTATIONS = {
     ),
     "the compiled projection turns away from the rows": Mutation(
         "cpgrl_opt/solvers/compiled/_direct.py",
-        "small[WEIGHT, i] = small[MU, i] * small[SCALE, i]",
-        "small[WEIGHT, i] = -small[MU, i] * small[SCALE, i]",
+        "small[WEIGHT, i] = small[at.MU, i] * small[at.SCALE, i]",
+        "small[WEIGHT, i] = -small[at.MU, i] * small[at.SCALE, i]",
         "cpgrl_opt/test_compiled_conduct.py"
         "::test_the_direct_pass_leaves_rows_that_nearly_depend_to_the_thorough_kernel",
     ),

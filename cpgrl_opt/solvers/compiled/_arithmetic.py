@@ -1,17 +1,14 @@
 """Sums of products over rows of a matrix: in four lanes for speed, in twice the precision for refinement."""
 
-from typing import Any
-
 from ...compensated import product_error, split, two_sum
 from ._entry_point import inlined, kernel
-from ._workspace import Floats
 
 for each in (split, product_error, two_sum):
     inlined(each)
 
 
 @inlined
-def inner(A: Floats, a: int, B: Floats, b: int) -> float:
+def inner(A, a, B, b):
     """Row a of A · row b of B, in four lanes; the same order every time, so bit for bit reproducible."""
     n = A.shape[1]
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
@@ -27,20 +24,20 @@ def inner(A: Floats, a: int, B: Floats, b: int) -> float:
 
 
 @kernel
-def dot(matrix: Floats, a: int, b: int) -> Any:
+def dot(matrix, a, b):
     """Row a · row b."""
     return inner(matrix, a, matrix, b)
 
 
 @kernel
-def add(matrix: Floats, a: int, c: float, b: int) -> None:
+def add(matrix, a, c, b):
     """Row a += c · row b."""
     for j in range(matrix.shape[1]):
         matrix[a, j] += c * matrix[b, j]
 
 
 @kernel
-def add_product(high: float, low: float, a: float, b: float) -> tuple[float, float]:
+def add_product(high, low, a, b):
     """high + low + a·b as an unevaluated sum. Source: Dekker 1971; Ogita, Rump & Oishi 2005, Dot2."""
     a_high, a_low = split(a)
     b_high, b_low = split(b)

@@ -2,53 +2,64 @@
 
 from math import sqrt
 
+from . import _workspace as at
 from ._arithmetic import add, add_product, dot
-from ._entry_point import kernel
-from ._workspace import (
-    ACTIVE,
-    BOUND,
-    EPS,
-    EQUALITY,
-    FORWARD,
-    KIND,
-    MULTIPLIER,
-    REST,
-    ROWS,
-    SPARE,
-    STEP,
-    TRIANGLE,
-    USED,
-    Floats,
-    Integers,
-)
+from ._entry_point import inlined, kernel
 
 NEARLY_DEPENDENT = 1e-2  # with a diagonal element of R below this, projections are refined
 
 
 @kernel
-def solve_upper(small: Floats, row: int, size: int) -> None:
+def solve_upper(small, row, size):
     """Row ← R⁻¹ row."""
     for i in range(size - 1, -1, -1):
         s = small[row, i]
         for j in range(i + 1, size):
-            s -= small[TRIANGLE + i, j] * small[row, j]
-        small[row, i] = s / small[TRIANGLE + i, i]
+            s -= small[at.TRIANGLE + i, j] * small[row, j]
+        small[row, i] = s / small[at.TRIANGLE + i, i]
 
 
 @kernel
-def solve_lower(small: Floats, row: int, size: int) -> None:
+def solve_lower(small, row, size):
     """Row ← R⁻ᵀ row."""
     for i in range(size):
         s = small[row, i]
         for j in range(i):
-            s -= small[TRIANGLE + j, i] * small[row, j]
-        small[row, i] = s / small[TRIANGLE + i, i]
+            s -= small[at.TRIANGLE + j, i] * small[row, j]
+        small[row, i] = s / small[at.TRIANGLE + i, i]
+
+
+@inlined
+def find_slack(space, small, index, size, x, weight, sharp):
+    """FORWARD ← weight·b − J_active x, in twice the precision if sharp."""
+    for k in range(size):
+        row, bound = at.ROWS + index[at.ACTIVE, k], weight * small[at.BOUND, index[at.ACTIVE, k]]
+        if sharp:
+            high, low = bound, 0.0
+            for j in range(space.shape[1]):
+                high, low = add_product(high, low, -space[row, j], space[x, j])
+            small[at.FORWARD, k] = high + low
+        else:
+            small[at.FORWARD, k] = bound - dot(space, row, x)
+
+
+@inlined
+def find_rest(space, small, index, size, x, t, u, sharp):
+    """REST ← t − x + Jᵀ_active u, in twice the precision if sharp."""
+    for j in range(space.shape[1]):
+        high, low = space[t, j] - space[x, j], 0.0
+        if sharp:
+            high, low = add_product(space[t, j], 0.0, -1.0, space[x, j])
+            for k in range(size):
+                high, low = add_product(high, low, small[u, k], space[at.ROWS + index[at.ACTIVE, k], j])
+        space[at.REST, j] = high + low
+    if not sharp:
+        for k in range(size):
+            add(space, at.REST, small[u, k], at.ROWS + index[at.ACTIVE, k])
 
 
 @kernel
-def project(
-    space: Floats, small: Floats, index: Integers, size: int, x: int, t: int, u: int, weight: float, sharp: bool
-) -> None:
+def project(space, small, index, size, x, t, u, weight, sharp):
     """Solves x − t = Jᵀ_active u, J_active x = weight·b for x, given t (rows of space), and u (row of small).
 
     Corrections by Q and R, from x = t, u = 0: two rounds where the rows are well apart. Otherwise, or if sharp,
@@ -56,109 +67,97 @@ def project(
     1e-9 rad apart cost three or four, and x does not suffer from the cancellation in t + Jᵀu.
     Source: Björck 1967; Higham, Accuracy and Stability of Numerical Algorithms, §20.5.
     """
-    n, basis = space.shape[1], ROWS + small.shape[1]
-    for j in range(n):
-        space[x, j] = space[t, j]
-    if size == 0:
-        return
+    basis = at.ROWS + small.shape[1]
+    for j in range(space.shape[1]):
+        space[x, j], space[at.REST, j] = space[t, j], 0.0
     for k in range(size):
         small[u, k] = 0.0
-        sharp = sharp or small[TRIANGLE + k, k] < NEARLY_DEPENDENT
-    for attempt in range(8 if sharp else 2):
+        sharp = sharp or small[at.TRIANGLE + k, k] < NEARLY_DEPENDENT
+    for attempt in range(0 if size == 0 else (8 if sharp else 2)):
+        find_slack(space, small, index, size, x, weight, sharp)
+        solve_lower(small, at.FORWARD, size)
+        if attempt > 0:
+            find_rest(space, small, index, size, x, t, u, sharp)
         for k in range(size):
-            i = ROWS + index[ACTIVE, k]
-            if sharp:
-                high, low = weight * small[BOUND, i - ROWS], 0.0
-                for j in range(n):
-                    high, low = add_product(high, low, -space[i, j], space[x, j])
-                small[FORWARD, k] = high + low
-            else:
-                small[FORWARD, k] = weight * small[BOUND, i - ROWS] - dot(space, i, x)
-        solve_lower(small, FORWARD, size)
-        for j in range(n):
-            high, low = space[t, j] - space[x, j], 0.0
-            if sharp and attempt > 0:
-                high, low = add_product(space[t, j], 0.0, -1.0, space[x, j])
-                for k in range(size):
-                    high, low = add_product(high, low, small[u, k], space[ROWS + index[ACTIVE, k], j])
-            space[REST, j] = high + low
-        for k in range(size):
-            if attempt > 0 and not sharp:
-                add(space, REST, small[u, k], ROWS + index[ACTIVE, k])
-        for k in range(size):
-            c = dot(space, basis + k, REST) if attempt > 0 else 0.0
-            small[SPARE, k] = small[FORWARD, k] - c
-            add(space, REST, small[SPARE, k], basis + k)
-        solve_upper(small, SPARE, size)
+            c = dot(space, basis + k, at.REST) if attempt > 0 else 0.0
+            small[at.SPARE, k] = small[at.FORWARD, k] - c
+            add(space, at.REST, small[at.SPARE, k], basis + k)
+        solve_upper(small, at.SPARE, size)
         total, change = 0.0, 0.0
         for k in range(size):
             total += abs(small[u, k])
-            change += abs(small[SPARE, k])
-            small[u, k] += small[SPARE, k]
-        add(space, x, 1.0, REST)
-        if sharp and change <= 4 * EPS * total and dot(space, REST, REST) <= 16 * EPS * EPS * dot(space, x, x):
+            change += abs(small[at.SPARE, k])
+            small[u, k] += small[at.SPARE, k]
+        add(space, x, 1.0, at.REST)
+        if sharp and change <= 4 * at.EPS * total and dot(space, at.REST, at.REST) <= 16 * at.EPS**2 * dot(space, x, x):
             break
 
 
 @kernel
-def append(space: Floats, small: Floats, index: Integers, p: int, size: int, length: float) -> None:
+def append(space, small, index, p, size, length):
     """Row p joins at position size: Q grows by STEP, its part orthogonal to Q, of this length."""
-    basis = ROWS + small.shape[1]
+    basis = at.ROWS + small.shape[1]
     for j in range(space.shape[1]):
-        space[basis + size, j] = space[STEP, j] / length
+        space[basis + size, j] = space[at.STEP, j] / length
     for k in range(size):
-        small[TRIANGLE + k, size] = dot(space, basis + k, ROWS + p)
-    small[TRIANGLE + size, size] = length
-    index[ACTIVE, size] = p
-    index[USED, p] = 1
+        small[at.TRIANGLE + k, size] = dot(space, basis + k, at.ROWS + p)
+    small[at.TRIANGLE + size, size] = length
+    index[at.ACTIVE, size], index[at.USED, p] = p, 1
 
 
 @kernel
-def remove(small: Floats, index: Integers, position: int, size: int) -> int:
+def remove(small, index, position, size):
     """Takes a row out of the active set; Q and R are valid up to its position, the new rest is to be appended."""
-    index[USED, index[ACTIVE, position]] = 0
+    index[at.USED, index[at.ACTIVE, position]] = 0
     for k in range(position, size - 1):
-        index[ACTIVE, k] = index[ACTIVE, k + 1]
-        small[MULTIPLIER, k] = small[MULTIPLIER, k + 1]
+        index[at.ACTIVE, k] = index[at.ACTIVE, k + 1]
+        small[at.MULTIPLIER, k] = small[at.MULTIPLIER, k + 1]
     return size - 1
 
 
+@inlined
+def collect_equalities(space, small, index):
+    """Their number; ACTIVE ← their numbers, SPARE ← their squared lengths, the rows of Q ← themselves."""
+    basis, count = at.ROWS + small.shape[1], 0
+    for i in range(small.shape[1]):
+        index[at.USED, i] = 0
+        if index[at.KIND, i] == at.EQUALITY:
+            for j in range(space.shape[1]):
+                space[basis + count, j] = space[at.ROWS + i, j]
+            index[at.ACTIVE, count] = i
+            small[at.SPARE, count] = dot(space, at.ROWS + i, at.ROWS + i)
+            count += 1
+    return count
+
+
 @kernel
-def equality_basis(space: Floats, small: Floats, index: Integers, tolerance: float) -> int:
+def equality_basis(space, small, index, tolerance):
     """Q and R of the equality rows, the farthest from the span so far first, down to a tolerance; returns their rank.
 
     ACTIVE lists the independent rows, then the dependent ones. In this order a row that is a combination of
     two nearly parallel ones is still seen to be one. Modified Gram–Schmidt, again where cancellation asks for
     it: "twice is enough" (Giraud, Langou & Rozložník 2005).
     """
-    m, basis, count = small.shape[1], ROWS + small.shape[1], 0
-    for i in range(m):
-        index[USED, i] = 0
-        if index[KIND, i] == EQUALITY:
-            for j in range(space.shape[1]):
-                space[basis + count, j] = space[ROWS + i, j]
-            index[ACTIVE, count] = i
-            small[SPARE, count] = dot(space, ROWS + i, ROWS + i)
-            count += 1
-    for rank in range(count if count < space.shape[1] else space.shape[1]):
+    basis, count = at.ROWS + small.shape[1], collect_equalities(space, small, index)
+    most = count if count < space.shape[1] else space.shape[1]
+    for rank in range(most):
         best = rank
         for k in range(rank + 1, count):
-            if small[SPARE, k] > small[SPARE, best]:
+            if small[at.SPARE, k] > small[at.SPARE, best]:
                 best = k
-        p = index[ACTIVE, best]
-        index[ACTIVE, best] = index[ACTIVE, rank]
-        small[SPARE, best] = small[SPARE, rank]
+        p = index[at.ACTIVE, best]
+        index[at.ACTIVE, best], small[at.SPARE, best] = index[at.ACTIVE, rank], small[at.SPARE, rank]
         for j in range(space.shape[1]):
-            space[STEP, j] = space[basis + best, j]
+            space[at.STEP, j] = space[basis + best, j]
             space[basis + best, j] = space[basis + rank, j]
         for k in range(rank):
-            add(space, STEP, -dot(space, basis + k, STEP), basis + k)
-        length = sqrt(dot(space, STEP, STEP))
+            add(space, at.STEP, -dot(space, basis + k, at.STEP), basis + k)
+        length = sqrt(dot(space, at.STEP, at.STEP))
         if not length > tolerance:
-            index[ACTIVE, rank] = p
+            index[at.ACTIVE, rank] = p
             return rank
         append(space, small, index, p, rank, length)
         for k in range(rank + 1, count):
             add(space, basis + k, -dot(space, basis + rank, basis + k), basis + rank)
-            small[SPARE, k] = dot(space, basis + k, basis + k)
-    return count if count < space.shape[1] else space.shape[1]
+            small[at.SPARE, k] = dot(space, basis + k, basis + k)
+    return most

@@ -14,7 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ...machine_code import compiled
+from ...machine_code import CompiledLate, compiled
+
+# numba's signatures: an array that is read, of a type and a number of axes; and g, J, b and E of an entry point.
+READ = "Array({}, {}, 'C', readonly=True)"
+GIVEN = ", ".join(READ.format(*each) for each in (("f8", 1), ("f8", 2), ("f8", 1), ("b1", 1)))
 
 _INLINED: dict[Any, bool] = {}  # kernels, and whether their code is copied to where they are called
 
@@ -40,7 +44,7 @@ def _compiled(function: FunctionType) -> Any:
     from numba import njit
 
     wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return njit(error_model="numpy", forceinline=_INLINED.get(function, False), **wrappers)(_twin(function))
+    return njit(error_model="numpy", forceinline=_INLINED[function], **wrappers)(_twin(function))
 
 
 def _twin(function: FunctionType) -> FunctionType:
@@ -51,12 +55,11 @@ def _twin(function: FunctionType) -> FunctionType:
     return FunctionType(function.__code__, {**known, **compiled}, function.__name__)
 
 
-class EntryPoint:
+class EntryPoint(CompiledLate):
     """A kernel to be called from Python; it fills its last arguments in, and raises for no number in the others."""
 
-    def __init__(self, function: FunctionType, signature: str, calls: int, work: int) -> None:
-        self.function = function
-        self.signature = signature
+    def __init__(self, signature: str, function: FunctionType, calls: int, work: int) -> None:
+        super().__init__(signature, function)
         self.calls_to_interpret, self.work_to_interpret = calls, work
         self.run: Callable[..., Any] = self  # machine code itself, once there is any: a frame less on the way
 
@@ -66,11 +69,6 @@ class EntryPoint:
         self.calls_to_interpret = 0
         self.run = compiled(self.signature, _twin(self.function), no_cfunc_wrapper=True)
         return self.run
-
-    @property
-    def helper(self) -> Any:
-        """For other compiled functions to call."""
-        return _compiled(self.function)
 
     def __call__(self, *arguments: Any) -> Any:
         """In the form that suits the work so far."""
@@ -88,9 +86,9 @@ def work(arguments: tuple[Any, ...]) -> int:
     return 50 + int((m + 1) * n * (min(m, n) + 1))
 
 
-def entry_point(signature: str, *, interpreted: tuple[int, int]) -> Callable[[Any], EntryPoint]:
+def entry_point(signature: str, *, interpreted: tuple[int, int] = (0, 0)) -> Callable[[Any], EntryPoint]:
     """Decorates the kernel that Python calls: numba's signature of it, and what is interpreted at first.
 
     interpreted: the most calls, and the most `work` of them together.
     """
-    return lambda function: EntryPoint(function, signature, *interpreted)
+    return lambda function: EntryPoint(signature, function, *interpreted)

@@ -7,74 +7,46 @@ with the direct pass's own search for the active set. Compiled always: numbers a
 
 from math import inf, sqrt
 
-from ._direct import (
-    BOUND,
-    INSIDE,
-    MU,
-    OFF,
-    OFFSET,
-    OUTSIDE,
-    SCALE,
-    SLACK,
-    X,
-    factorize,
-    find_active_set,
-    measure,
-    solve,
-)
-from ._entry_point import entry_point, inlined
-from ._workspace import Booleans, Floats, Integers
+from . import _exchange as at
+from ._direct import measure
+from ._entry_point import READ, entry_point, inlined
+from ._exchange import factorize, find_active_set, scale_row, solve
 
-_READ = "Array({}, {}, 'C', readonly=True)"
+_SQUARE, _VECTOR, _TRUTHS = READ.format("f8", 2), READ.format("f8", 1), READ.format("b1", 1)
 
 
 @inlined
-def scale_gramian(
-    K: Floats, bound: Floats, least: float, most: float, gram: Floats, small: Floats, state: Integers
-) -> bool:
+def scale_gramian(K, bound, least, most, gram, small, state):
     """Ĝ, ĉ, b̂ of the rows that are on, and lengths. False where the square of a length is not between the bounds."""
-    usable: bool = least < K[0, 0] < most
+    usable = least < K[0, 0] < most
     for i in range(len(bound)):
-        state[i] = OFF if bound[i] == -inf else INSIDE
-        small[MU, i] = 0.0
-        if state[i] != OFF:
+        state[i], small[at.MU, i] = at.OFF if bound[i] == -inf else at.INSIDE, 0.0
+        if state[i] != at.OFF:
             usable = usable and least < K[i + 1, i + 1] < most
-            scale = 1.0 / sqrt(K[i + 1, i + 1])
-            small[SCALE, i], small[BOUND, i] = scale, bound[i] * scale
-            small[OFFSET, i] = small[BOUND, i] - K[i + 1, 0] * scale
-            for k in range(i):
-                if state[k] != OFF:
-                    gram[i, k] = K[i + 1, k + 1] * scale * small[SCALE, k]
-                    gram[k, i] = gram[i, k]
-            gram[i, i] = 1.0
+            small[at.OFFSET, i] = K[i + 1, 0]
+            gram[i, :i] = K[i + 1, 1 : i + 1]
+            scale_row(i, sqrt(K[i + 1, i + 1]), bound[i], gram, small, state)
     return usable
 
 
 @inlined
-def is_well_apart(gram: Floats, factor: Floats, small: Floats, state: Integers, order: Integers, apart: float) -> bool:
+def is_well_apart(gram, factor, small, state, order, apart):
     """Whether Σ 1/λ(Ĝ) ≤ apart."""
     on, total = 0, 0.0
     for i in range(len(state)):
-        on += state[i] == INSIDE
+        on += state[i] == at.INSIDE
     if factorize(gram, factor, small, state, order) < on:
         return False
     for column in range(on):
-        small[X, :on] = 0.0
-        small[X, column] = 1.0
+        small[at.X, :on] = 0.0
+        small[at.X, column] = 1.0
         solve(factor, small, on)
-        total += small[X, column]
+        total += small[at.X, column]
     return total <= apart
 
 
-@entry_point(
-    f"void({_READ.format('f8', 2)}, {_READ.format('f8', 1)}, {_READ.format('b1', 1)}, {_READ.format('f8', 1)},"
-    "f8[:, ::1], i8[:, ::1], f8[::1], f8[::1])",
-    interpreted=(0, 0),
-)
-def weigh(
-    K: Floats, bound: Floats, equality: Booleans, gates: Floats, work: Floats, index: Integers, weights: Floats,
-    report: Floats,
-) -> None:  # fmt: skip
+@entry_point(f"void({_SQUARE}, {_VECTOR}, {_TRUTHS}, {_VECTOR}, f8[:, ::1], i8[:, ::1], f8[::1], f8[::1])")
+def weigh(K, bound, equality, gates, work, index, weights, report):
     """(1, μ) into weights, exchanges into report; −1 there where rung "gramian" is shut, or a search does not end.
 
     gates: the least and the largest square, and what `is_well_apart` asks for. work: (8 + 2m, m), index: (2, m), for
@@ -88,7 +60,7 @@ def weigh(
     if not is_well_apart(gram, factor, small, state, order, gates[2]):
         return
     for i in range(m):
-        state[i] = OUTSIDE if state[i] == INSIDE and not equality[i] else state[i]
+        state[i] = at.OUTSIDE if state[i] == at.INSIDE and not equality[i] else state[i]
     size, changes = find_active_set(True, gram, factor, small, state, order, equality, 0)
     if size >= 0:
         report[0] = changes
@@ -96,26 +68,20 @@ def weigh(
         weights[0] = 1.0
         for k in range(size):
             i = order[k]
-            small[MU, i] = small[X, k]
-            weights[i + 1] = small[X, k] * small[SCALE, i]
+            small[at.MU, i] = small[at.X, k]
+            weights[i + 1] = small[at.X, k] * small[at.SCALE, i]
 
 
-@entry_point(
-    f"void({_READ.format('f8', 2)}, {_READ.format('b1', 1)}, {_READ.format('f8', 1)}, f8[:, ::1], i8[:, ::1],"
-    f"{_READ.format('f8', 1)}, f8[::1])",
-    interpreted=(0, 0),
-)
-def judge(
-    K: Floats, equality: Booleans, gates: Floats, work: Floats, index: Integers, sums: Floats, report: Floats
-) -> None:
+@entry_point(f"void({_SQUARE}, {_TRUTHS}, {_VECTOR}, f8[:, ::1], i8[:, ::1], {_VECTOR}, f8[::1])")
+def judge(K, equality, gates, work, index, sums, report):
     """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`.
 
     So where d·d is less than gates[3] of g·g: it is what rounding of K leaves of it.
     """
     small, state, sigma = work[:8], index[0], sqrt(max(K[0, 0], sums[len(sums) - 1]))
     for i in range(len(equality)):
-        if state[i] != OFF:
-            small[SLACK, i] = sums[i + 1] * small[SCALE, i] - small[BOUND, i]
+        if state[i] != at.OFF:
+            small[at.SLACK, i] = sums[i + 1] * small[at.SCALE, i] - small[at.BOUND, i]
     worst = measure(small, state, equality, 0, sqrt(sums[0]), sigma, report)
     if not (worst < inf and sums[len(sums) - 1] >= gates[3] * K[0, 0]):
         report[0] = inf

@@ -4,88 +4,73 @@ from math import inf, sqrt
 
 import numpy as np
 
+from . import _workspace as at
 from ._arithmetic import add, add_product, dot
 from ._dual_active_set import CONFLICT, LIMIT, dual_active_set
-from ._entry_point import entry_point, kernel
+from ._entry_point import GIVEN, entry_point, inlined, kernel
 from ._scaling import UNUSABLE, scale_problem
-from ._workspace import (
-    ACTIVE,
-    BOUND,
-    EPS,
-    EQUALITY,
-    EXPONENT,
-    IMPOSSIBLE,
-    KIND,
-    LENGTH,
-    MULTIPLIER,
-    REST,
-    ROWS,
-    SPARE,
-    TARGET,
-    THRESHOLD,
-    VALUE,
-    Booleans,
-    Floats,
-    Integers,
-    allocate,
-)
+from ._workspace import allocate
 
 OPTIMAL, INFEASIBLE, UNCERTIFIED, ITERATION_LIMIT, NUMERICAL_ERROR, UNSUPPORTED = range(6)
 # The referee's own rows are rounded: it may see this times Σ|μ̂| more in the stationarity than there is.
-MARGIN = 2 * EPS
+MARGIN = 2 * at.EPS
 ALLOWED = 1e-5
 
 
 @kernel
-def rest_in_twice_the_precision(space: Floats, small: Floats) -> None:
+def rest_in_twice_the_precision(space, small):
     """d − g − Jᵀμ into REST, where the referee forms it in rational arithmetic."""
     for j in range(space.shape[1]):
-        high, low = add_product(space[VALUE, j], 0.0, -1.0, space[TARGET, j])
+        high, low = add_product(space[at.VALUE, j], 0.0, -1.0, space[at.TARGET, j])
         for i in range(small.shape[1]):
-            if small[BOUND, i] > -inf:
-                high, low = add_product(high, low, -small[THRESHOLD, i], space[ROWS + i, j])
-        space[REST, j] = high + low
+            if small[at.BOUND, i] > -inf:
+                high, low = add_product(high, low, -small[at.THRESHOLD, i], space[at.ROWS + i, j])
+        space[at.REST, j] = high + low
+
+
+@inlined
+def round_as_unscaled(space, small, index, size, scale):
+    """d and μ as they round when unscaled: VALUE, and THRESHOLD by row; unscaled μ in SPARE, d − g in REST."""
+    factor = np.ldexp(1.0, scale)
+    for j in range(space.shape[1]):
+        space[at.VALUE, j] = space[at.VALUE, j] * factor / factor
+        space[at.REST, j] = space[at.VALUE, j] - space[at.TARGET, j]
+    for i in range(small.shape[1]):
+        small[at.THRESHOLD, i], small[at.SPARE, i] = 0.0, 0.0
+    for k in range(size):
+        i = index[at.ACTIVE, k]
+        small[at.SPARE, i] = np.ldexp(small[at.MULTIPLIER, k], scale - index[at.EXPONENT, i])
+        small[at.THRESHOLD, i] = np.ldexp(small[at.SPARE, i], index[at.EXPONENT, i] - scale)
 
 
 @kernel
-def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int, parts: Floats) -> float:
-    """The referee's residuals of d and μ as they round when unscaled, into parts; the worst, infinite for no numbers.
+def measure(space, small, index, parts):
+    """The referee's residuals of d in VALUE and μ in THRESHOLD into parts; the worst, infinite for no numbers.
 
-    Leaves μ, unscaled and by row, in SPARE.
+    REST: d − g, and d − g − Jᵀμ afterwards.
     """
-    factor = np.ldexp(1.0, scale)
-    for j in range(space.shape[1]):
-        space[VALUE, j] = space[VALUE, j] * factor / factor
-        space[REST, j] = space[VALUE, j] - space[TARGET, j]
-    for i in range(small.shape[1]):
-        small[THRESHOLD, i] = 0.0
-        small[SPARE, i] = 0.0
-    for k in range(size):
-        i = index[ACTIVE, k]
-        small[SPARE, i] = np.ldexp(small[MULTIPLIER, k], scale - index[EXPONENT, i])
-        small[THRESHOLD, i] = np.ldexp(small[SPARE, i], index[EXPONENT, i] - scale)
     parts[:] = 0.0
     total, unsound = 0.0, 0.0  # unsound: NaN from the first infinity or NaN on, which a comparison would forget
     for i in range(small.shape[1]):
-        if small[BOUND, i] > -inf:
-            mu = small[THRESHOLD, i] * small[LENGTH, i]
-            slack = (dot(space, ROWS + i, VALUE) - small[BOUND, i]) / small[LENGTH, i]
-            missed = abs(slack) if index[KIND, i] == EQUALITY else -slack
+        if small[at.BOUND, i] > -inf:
+            mu = small[at.THRESHOLD, i] * small[at.LENGTH, i]
+            slack = (dot(space, at.ROWS + i, at.VALUE) - small[at.BOUND, i]) / small[at.LENGTH, i]
+            missed = abs(slack) if index[at.KIND, i] == at.EQUALITY else -slack
             parts[1] = parts[1] if missed <= parts[1] else missed
-            if index[KIND, i] != EQUALITY:
+            if index[at.KIND, i] != at.EQUALITY:
                 least = abs(slack if slack < mu else mu)
                 parts[2] = parts[2] if -mu <= parts[2] else -mu
                 parts[3] = parts[3] if least <= parts[3] else least
             total += abs(mu)
             unsound += 0.0 * slack
-            add(space, REST, -small[THRESHOLD, i], ROWS + i)
-    sigma, own = sqrt(dot(space, TARGET, TARGET)), sqrt(dot(space, VALUE, VALUE))
+            add(space, at.REST, -small[at.THRESHOLD, i], at.ROWS + i)
+    sigma, own = sqrt(dot(space, at.TARGET, at.TARGET)), sqrt(dot(space, at.VALUE, at.VALUE))
     sigma = own if not own <= sigma else sigma
-    margin, allowance = MARGIN * total, 8 * EPS * total
+    margin, allowance = MARGIN * total, 8 * at.EPS * total
     if not allowance < ALLOWED * sigma:
         rest_in_twice_the_precision(space, small)
         margin, allowance = 0.0, ALLOWED * sigma
-    stationarity = sqrt(dot(space, REST, REST)) + margin - allowance
+    stationarity = sqrt(dot(space, at.REST, at.REST)) + margin - allowance
     parts[0] = 0.0 if stationarity <= 0.0 else stationarity
     worst = 0.0
     for k in range(4):
@@ -95,23 +80,28 @@ def measure(space: Floats, small: Floats, index: Integers, size: int, scale: int
     return worst if unsound + 0.0 * parts[0] == 0.0 else inf
 
 
+@inlined
+def prove(index, small, first, bound, is_conflict):
+    """Whether a Farkas vector, unscaled, is in SPARE: that of the conflict, or ±1 for a row of zeros that asks."""
+    found = is_conflict
+    for i in range(small.shape[1]):
+        if is_conflict:
+            small[at.SPARE, i] = np.ldexp(small[at.THRESHOLD, i], -index[at.EXPONENT, i])
+    for i in range(small.shape[1]):
+        if index[at.KIND, i] == at.IMPOSSIBLE:
+            found = True
+            small[at.SPARE, :] = 0.0
+            small[at.SPARE, i] = 1.0 if bound[first + i] > 0.0 else -1.0
+    return found
+
+
 @entry_point(
-    "void(b1, i8, Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True),"
-    "Array(f8, 1, 'C', readonly=True), Array(b1, 1, 'C', readonly=True), f8, f8[::1], f8[::1], f8[::1])",
+    f"void(b1, i8, {GIVEN}, f8, f8[::1], f8[::1], f8[::1])",
     interpreted=(64, 30_000),  # at up to 20 µs each: nearly dependent rows are projected again and again
 )
 def project_stacked(
-    tangent: bool,
-    attempt: int,
-    gradient: Floats,
-    jacobian: Floats,
-    bound: Floats,
-    equality: Booleans,
-    tolerance: float,
-    value_out: Floats,
-    multipliers_out: Floats,
-    report_out: Floats,
-) -> None:
+    tangent, attempt, gradient, jacobian, bound, equality, tolerance, value_out, multipliers_out, report_out
+):
     """B problems of one shape, each array with theirs one after the other: (B·n,), (B·m, n), (B·m,), (B·m,).
 
     report_out (6·B,): B statuses, changes of the active set, and each of the residuals, in the order of `KKTResiduals`.
@@ -126,31 +116,23 @@ def project_stacked(
     for b in range(count):
         status, end, size, changes, worst = NUMERICAL_ERROR, LIMIT, 0, 0, inf
         scale = scale_problem(space, small, index, b, gradient, jacobian, bound, equality)
-        for i in range(m):
-            if tangent and not equality[b * m + i] and bound[b * m + i] > -inf:
+        for i in range(b * m, (b + 1) * m):
+            if tangent and not equality[i] and bound[i] > -inf:
                 status, scale = UNSUPPORTED, UNUSABLE
         if scale < UNUSABLE:
             end, size, changes = dual_active_set(space, small, index, attempt)
-        if scale < UNUSABLE and end != CONFLICT:
-            worst = measure(space, small, index, size, scale, parts)
+            if end != CONFLICT:
+                round_as_unscaled(space, small, index, size, scale)
+                worst = measure(space, small, index, parts)
             if worst < inf:
                 status = OPTIMAL if worst <= tolerance else (ITERATION_LIMIT if end == LIMIT else UNCERTIFIED)
-        for i in range(m):
-            if end == CONFLICT:
+            if prove(index, small, b * m, bound, end == CONFLICT):
                 status = INFEASIBLE
-                small[SPARE, i] = np.ldexp(small[THRESHOLD, i], -index[EXPONENT, i])
-        for i in range(m):
-            if scale < UNUSABLE and index[KIND, i] == IMPOSSIBLE:
-                status = INFEASIBLE
-                for k in range(m):
-                    small[SPARE, k] = 0.0
-                small[SPARE, i] = 1.0 if bound[b * m + i] > 0.0 else -1.0
         given = status < NUMERICAL_ERROR
         for j in range(n):
-            value_out[b * n + j] = space[VALUE, j] * np.ldexp(1.0, scale) if given else 0.0
+            value_out[b * n + j] = space[at.VALUE, j] * np.ldexp(1.0, scale) if given else 0.0
         for i in range(m):
-            multipliers_out[b * m + i] = small[SPARE, i] if given else 0.0
-        report_out[b] = status
-        report_out[count + b] = changes
+            multipliers_out[b * m + i] = small[at.SPARE, i] if given else 0.0
+        report_out[b], report_out[count + b] = status, changes
         for k in range(4):
             report_out[(2 + k) * count + b] = parts[k] if worst < inf else inf

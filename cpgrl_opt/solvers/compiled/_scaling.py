@@ -8,29 +8,15 @@ from math import frexp, inf, sqrt
 
 import numpy as np
 
+from . import _workspace as at
 from ._arithmetic import dot
 from ._entry_point import kernel
-from ._workspace import (
-    BOUND,
-    EQUALITY,
-    EXPONENT,
-    IMPOSSIBLE,
-    INEQUALITY,
-    KIND,
-    LENGTH,
-    OFF,
-    ROWS,
-    TARGET,
-    Booleans,
-    Floats,
-    Integers,
-)
 
 UNUSABLE = 1 << 20  # in place of an exponent: NaN or infinity
 
 
 @kernel
-def halve(space: Floats, row: int) -> tuple[int, float]:
+def halve(space, row):
     """Divides a row by the power of two that leaves it ½ to 1 long; returns the exponent and the length left.
 
     (0, 0) for a zero row; the length is NaN or infinite if an entry is.
@@ -57,48 +43,40 @@ def halve(space: Floats, row: int) -> tuple[int, float]:
 
 
 @kernel
-def scale_problem(
-    space: Floats,
-    small: Floats,
-    index: Integers,
-    problem: int,
-    gradient: Floats,
-    jacobian: Floats,
-    bound: Floats,
-    equality: Booleans,
-) -> int:
+def scale_problem(space, small, index, problem, gradient, jacobian, bound, equality):
     """Fills in rows, LENGTH, EXPONENT, KIND, and b̂ and g over 2ˢ; returns s, with 2ˢ next to max(‖g‖, b̂₊, |b̂| on E).
 
     Zero rows are OFF or IMPOSSIBLE, rows with b = −inf OFF. UNUSABLE where a number is not finite.
     """
     m, n = small.shape[1], space.shape[1]
     for j in range(n):
-        space[TARGET, j] = gradient[problem * n + j]
-    scale, length = halve(space, TARGET)
+        space[at.TARGET, j] = gradient[problem * n + j]
+    scale, length = halve(space, at.TARGET)
     if length == 0.0:
         scale = -1021
     usable = length < inf
     for i in range(m):
         for j in range(n):
-            space[ROWS + i, j] = jacobian[problem * m + i, j]
-        index[EXPONENT, i], small[LENGTH, i] = halve(space, ROWS + i)
+            space[at.ROWS + i, j] = jacobian[problem * m + i, j]
+        index[at.EXPONENT, i], small[at.LENGTH, i] = halve(space, at.ROWS + i)
         b, exact = bound[problem * m + i], equality[problem * m + i]
-        usable = usable and small[LENGTH, i] < inf and b < inf and not (exact and b == -inf)
-        index[KIND, i] = EQUALITY if exact else INEQUALITY
-        if small[LENGTH, i] == 0.0:
-            index[KIND, i] = IMPOSSIBLE if b > 0.0 or (exact and b != 0.0) else OFF
+        usable = usable and small[at.LENGTH, i] < inf and b < inf and not (exact and b == -inf)
+        asks = b > 0.0 or (exact and b != 0.0)
+        index[at.KIND, i] = at.EQUALITY if exact else at.INEQUALITY
+        if small[at.LENGTH, i] == 0.0:
+            index[at.KIND, i] = at.IMPOSSIBLE if asks else at.OFF
         elif b == -inf:
-            index[KIND, i] = OFF
-        elif b > 0.0 or (exact and b != 0.0):
-            own = frexp(b)[1] - index[EXPONENT, i]
+            index[at.KIND, i] = at.OFF
+        elif asks:
+            own = frexp(b)[1] - index[at.EXPONENT, i]
             scale = own if own > scale else scale
     if not usable:
         return UNUSABLE
     scale = 1023 if scale > 1023 else (-1021 if scale < -1021 else scale)
     factor = np.ldexp(1.0, -scale)
     for j in range(n):
-        space[TARGET, j] = gradient[problem * n + j] * factor
+        space[at.TARGET, j] = gradient[problem * n + j] * factor
     for i in range(m):
-        dead = index[KIND, i] == OFF or index[KIND, i] == IMPOSSIBLE
-        small[BOUND, i] = -inf if dead else np.ldexp(bound[problem * m + i], -scale - index[EXPONENT, i])
+        dead = index[at.KIND, i] == at.OFF or index[at.KIND, i] == at.IMPOSSIBLE
+        small[at.BOUND, i] = -inf if dead else np.ldexp(bound[problem * m + i], -scale - index[at.EXPONENT, i])
     return scale

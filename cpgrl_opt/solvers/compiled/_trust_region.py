@@ -11,96 +11,64 @@ from math import inf, sqrt
 
 import numpy as np
 
+from . import _exchange as at
 from ._arithmetic import inner
-from ._direct import (
-    BOUND,
-    MISSED,
-    MU,
-    OFF,
-    OFFSET,
-    OPEN,
-    OPTIMAL,
-    SAFE,
-    SCALE,
-    SLACK,
-    WEIGHT,
-    X,
-    add_rows,
-    find_active_set,
-    prepare,
-    solve,
-)
-from ._entry_point import entry_point, inlined
-from ._workspace import Booleans, Floats, Integers, numbers
+from ._direct import MISSED, SAFE, find_rest, find_slack, prepare, push, report, survey
+from ._entry_point import GIVEN, READ, entry_point, inlined
+from ._exchange import find_active_set, solve
+from ._workspace import numbers
 
 SHARP = 1e-13  # the worst residual, relative as the referee's, that an answer may have
 MOST_TURNS = 12
 NEGLIGIBLE = 1e-6  # ‖p‖/‖g‖ below it is left to those who tell it from rounding
 
-# Rows of parts: q, p, the rest; and of face, one number a constraint: Ĵg, β, γ.
-Q, P, REST = numbers(3)
-PULL, BETA, GAMMA = numbers(3)
+Q, P, REST = numbers(3)  # rows of vectors: q, p, the rest
 
 
 @inlined
-def set_offsets(kappa: float, small: Floats, face: Floats) -> None:
+def set_offsets(kappa, small):
     """ĉ = κb̂ − Ĵg, of which the direct pass finds 𝒜 and μ̂."""
     for i in range(small.shape[1]):
-        small[OFFSET, i] = kappa * small[BOUND, i] - face[PULL, i]
+        small[at.OFFSET, i] = kappa * small[at.BOUND, i] - small[at.PULL, i]
 
 
 @inlined
-def push(
-    at: int, row: int, jacobian: Floats, first: int, factor: Floats, small: Floats, order: Integers, size: int,
-    parts: Floats, face: Floats,
-) -> None:  # fmt: skip
-    """parts[at] += Ĵᵀx, face[row] += x, with Ĝx = X on 𝒜."""
-    solve(factor, small, size)
-    for k in range(size):
-        face[row, order[k]] += small[X, k]
-        small[WEIGHT, order[k]] = small[X, k] * small[SCALE, order[k]]
-    add_rows(parts, at, 1.0, jacobian, first, small, order, size)
-
-
-@inlined
-def split_face(
-    problem: int, gradient: Floats, jacobian: Floats, factor: Floats, small: Floats, order: Integers, size: int,
-    parts: Floats, face: Floats,
-) -> None:  # fmt: skip
+def split_face(problem, gradient, jacobian, factor, small, order, size, vectors):
     """q, p, β and γ (negative), each corrected once by what it leaves of its equations."""
     first = problem * small.shape[1]
-    for j in range(parts.shape[1]):
-        parts[Q, j], parts[P, j] = 0.0, gradient[problem, j]
+    for j in range(vectors.shape[1]):
+        vectors[Q, j], vectors[P, j] = 0.0, gradient[problem, j]
     for i in range(small.shape[1]):
-        face[BETA, i], face[GAMMA, i] = 0.0, 0.0
+        small[at.BETA, i], small[at.GAMMA, i] = 0.0, 0.0
     for _ in range(2):
         for k in range(size):
             i = order[k]
-            small[X, k] = small[BOUND, i] - inner(jacobian, first + i, parts, Q) * small[SCALE, i]
-        push(Q, BETA, jacobian, first, factor, small, order, size, parts, face)
+            small[at.X, k] = small[at.BOUND, i] - inner(jacobian, first + i, vectors, Q) * small[at.SCALE, i]
+        solve(factor, small, size)
+        push(vectors, Q, at.BETA, jacobian, first, small, order, size)
         for k in range(size):
-            small[X, k] = -inner(jacobian, first + order[k], parts, P) * small[SCALE, order[k]]
-        push(P, GAMMA, jacobian, first, factor, small, order, size, parts, face)
+            small[at.X, k] = -inner(jacobian, first + order[k], vectors, P) * small[at.SCALE, order[k]]
+        solve(factor, small, size)
+        push(vectors, P, at.GAMMA, jacobian, first, small, order, size)
 
 
 @inlined
 def find_face(
-    usable: bool, problem: int, radius: float, strength: float, gradient: Floats, jacobian: Floats, equality: Booleans,
-    gram: Floats, factor: Floats, small: Floats, state: Integers, order: Integers, parts: Floats, face: Floats,
-) -> tuple[float, int, int]:  # fmt: skip
+    usable, problem, radius, strength, gradient, jacobian, equality, gram, factor, small, state, order, vectors
+):
     """κ, how many rows its 𝒜 has (−1 where κ and 𝒜 do not come to agree), and exchanges."""
     first, total, turn, agreed = problem * small.shape[1], 0, 0 if usable else MOST_TURNS, -1
     kappa = strength / radius
     while turn < MOST_TURNS:
-        set_offsets(kappa, small, face)
+        set_offsets(kappa, small)
         size, changes = find_active_set(True, gram, factor, small, state, order, equality, first)
         total += changes
         if size >= 0 and turn > 0 and changes == 0:
             agreed, turn = size, MOST_TURNS
         elif size >= 0:
-            split_face(problem, gradient, jacobian, factor, small, order, size, parts, face)
-            room = radius * radius - inner(parts, Q, parts, Q)
-            length = sqrt(inner(parts, P, parts, P))
+            split_face(problem, gradient, jacobian, factor, small, order, size, vectors)
+            room = radius * radius - inner(vectors, Q, vectors, Q)
+            length = sqrt(inner(vectors, P, vectors, P))
             turn = turn + 1 if length > NEGLIGIBLE * strength else MOST_TURNS
             kappa = length / sqrt(room) if room > 0.0 else 8.0 * kappa
         else:
@@ -110,99 +78,62 @@ def find_face(
 
 @inlined
 def judge_in_ball(
-    problem: int, radius: float, strength: float, kappa: float, size: int, gradient: Floats, jacobian: Floats,
-    equality: Booleans, small: Floats, state: Integers, order: Integers, value: Floats, parts: Floats, face: Floats,
-    residuals: Floats,
-) -> float:  # fmt: skip
-    """d, μ into WEIGHT, the referee's residuals; the worst of these, inf where a bound is missed or NaN comes up."""
+    problem, radius, strength, kappa, size, gradient, jacobian, equality, small, state, order, value, vectors, parts
+):
+    """d, μ into WEIGHT, the referee's residuals into parts; the worst, inf where a bound is missed or NaN comes up."""
     first = problem * small.shape[1]
     for i in range(small.shape[1]):
-        small[WEIGHT, i] = 0.0
-        small[MU, i] = 0.0
+        small[at.WEIGHT, i], small[at.MU, i] = 0.0, 0.0
     for k in range(size):
-        i = order[k]
-        mu = kappa * face[BETA, i] + face[GAMMA, i]
-        small[MU, i] = mu if mu > 0.0 or equality[first + i] else 0.0
-        small[WEIGHT, i] = small[MU, i] * small[SCALE, i]
+        small[at.MU, order[k]] = kappa * small[at.BETA, order[k]] + small[at.GAMMA, order[k]]
     for j in range(value.shape[1]):
-        value[problem, j] = parts[Q, j] + parts[P, j] / kappa
-        parts[REST, j] = kappa * value[problem, j] - gradient[problem, j]
-    add_rows(parts, REST, -1.0, jacobian, first, small, order, size)
-    length = sqrt(inner(value, problem, value, problem))
-    named, asked = radius, inf
+        value[problem, j] = vectors[Q, j] + vectors[P, j] / kappa
+    rest = find_rest(kappa, problem, gradient, jacobian, equality, small, order, size, value, vectors, REST)
+    find_slack(True, problem, jacobian, small, state, value)
+    length, named = sqrt(inner(value, problem, value, problem)), radius
     for i in range(small.shape[1]):
-        if state[i] != OFF:
-            b = abs(small[BOUND, i])
+        if state[i] != at.OFF:
+            b = abs(small[at.BOUND, i])
             named = b if 0.0 < b < named else named
-            asked = b if 0.0 < b < asked and (equality[first + i] or small[BOUND, i] > 0.0) else asked
-            small[SLACK, i] = inner(jacobian, first + i, value, problem) * small[SCALE, i] - small[BOUND, i]
     unit = length if length > named else named
-    primal, complementarity = (length - radius) / unit, abs((radius - length) / unit)
-    primal = primal if primal > 0.0 else 0.0
-    if kappa * unit / strength < complementarity:
-        complementarity = kappa * unit / strength
-    for i in range(small.shape[1]):
-        if state[i] != OFF:
-            slack, mu = small[SLACK, i] / unit, small[MU, i] / strength
-            if slack != slack:
-                return inf
-            missed = abs(slack) if equality[first + i] else -slack
-            primal = primal if missed <= primal else missed
-            if not equality[first + i]:
-                least = abs(slack if slack < mu else mu)
-                complementarity = complementarity if least <= complementarity else least
+    primal, complementarity, asked = survey(small, state, equality, first, unit, strength)
+    outside, pull, room = (length - radius) / unit, kappa * unit / strength, abs((radius - length) / unit)
+    primal = outside if outside > primal else primal
+    room = pull if pull < room else room
+    complementarity = complementarity if room <= complementarity else room
     if primal * unit > MISSED * asked:
         return inf
-    residuals[0], residuals[1] = sqrt(inner(parts, REST, parts, REST)) / strength, primal
-    residuals[2], residuals[3] = 0.0, complementarity
+    parts[0], parts[1], parts[2], parts[3] = rest / strength, primal, 0.0, complementarity
     worst = primal if complementarity <= primal else complementarity
-    return worst if residuals[0] <= worst else residuals[0]
+    return worst if parts[0] <= worst else parts[0]
 
 
-@entry_point(
-    "void(b1, Array(f8, 1, 'C', readonly=True), Array(f8, 2, 'C', readonly=True), Array(f8, 1, 'C', readonly=True),"
-    "Array(b1, 1, 'C', readonly=True), Array(f8, 1, 'C', readonly=True), f8, f8[::1], f8[::1], f8[::1])",
-    interpreted=(16, 100_000),
-)
+@entry_point(f"void(b1, {GIVEN}, {READ.format('f8', 1)}, f8, f8[::1], f8[::1], f8[::1])", interpreted=(16, 100_000))
 def climb_directly(
-    tangent: bool,
-    gradient: Floats,
-    jacobian: Floats,
-    bound: Floats,
-    equality: Booleans,
-    radius: Floats,
-    tolerance: float,
-    value_out: Floats,
-    multipliers_out: Floats,
-    report_out: Floats,
-) -> None:
+    tangent, gradient, jacobian, bound, equality, radius, tolerance, value_out, multipliers_out, report_out
+):
     """As `project_directly`, of B problems in balls; report: status, exchanges, residuals, κ, (7, B)."""
     n, count = jacobian.shape[1], radius.shape[0]
     m = jacobian.shape[0] // count if count > 0 else 0
     gradients, values = gradient.reshape((count, n)), value_out.reshape((count, n))
-    gram, factor, small, parts = np.empty((m, m)), np.empty((m, m)), np.empty((8, m)), np.empty((3, n))
-    state, order, face, residuals = np.empty(m, np.int64), np.empty(m, np.int64), np.empty((3, m)), np.empty(4)
+    reports = report_out.reshape((7, count))
+    gram, factor, small, vectors = np.empty((m, m)), np.empty((m, m)), np.empty((11, m)), np.empty((3, n))
+    state, order, parts = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(4)
     for b in range(count):
         usable = prepare(tangent, b, gradients, jacobian, bound, equality, gram, small, state)
-        strength = sqrt(inner(gradients, b, gradients, b))
+        strength, worst = sqrt(inner(gradients, b, gradients, b)), inf
         usable = usable and 1.0 / SAFE < strength < SAFE and 1.0 / SAFE < radius[b] < SAFE
         for i in range(m):
-            face[PULL, i] = 0.0
-            if usable and state[i] != OFF:
-                face[PULL, i] = inner(jacobian, b * m + i, gradients, b) * small[SCALE, i]
+            small[at.PULL, i] = 0.0
+            if usable and state[i] != at.OFF:
+                small[at.PULL, i] = inner(jacobian, b * m + i, gradients, b) * small[at.SCALE, i]
         kappa, size, changes = find_face(
-            usable, b, radius[b], strength, gradients, jacobian, equality,
-            gram, factor, small, state, order, parts, face,
-        )  # fmt: skip
-        report_out[b], report_out[count + b] = OPEN, 0.0
+            usable, b, radius[b], strength, gradients, jacobian, equality, gram, factor, small, state, order, vectors
+        )
         if size >= 0:
             worst = judge_in_ball(
                 b, radius[b], strength, kappa, size, gradients, jacobian, equality, small, state, order, values,
-                parts, face, residuals,
+                vectors, parts,
             )  # fmt: skip
-            if worst <= SHARP and worst <= tolerance:
-                report_out[b], report_out[count + b], report_out[6 * count + b] = OPTIMAL, changes, kappa
-                for k in range(4):
-                    report_out[(2 + k) * count + b] = residuals[k]
-                for i in range(m):
-                    multipliers_out[b * m + i] = small[WEIGHT, i]
+        reports[6, b] = kappa
+        report(worst <= SHARP and worst <= tolerance, b, changes, parts, small, multipliers_out, reports)

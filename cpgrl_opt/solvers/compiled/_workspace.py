@@ -1,4 +1,4 @@
-"""The workspace of one problem, and the numbers that all kernels agree on.
+"""The workspace of one problem in the thorough kernel, and the numbers that its parts agree on.
 
 Three arrays carry everything, their rows named by the constants below: at (9, 3) the time goes into counting
 references of arrays and views rather than into sums, and compilation into arguments.
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ._entry_point import kernel
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 
@@ -37,7 +36,7 @@ EPS = 2.0**-52
 
 
 @kernel
-def allocate(m: int, n: int) -> tuple[Floats, Floats, Integers]:
+def allocate(m, n):
     """space, small and index for m rows in n coordinates."""
     most = m if m < n else n  # independent rows
     return np.empty((ROWS + 2 * m, n)), np.empty((TRIANGLE + most, m)), np.empty((4, m), np.int64)
