@@ -140,15 +140,12 @@ def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
 
 def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolerance: float) -> Direction:
     """What is claimed of the flat problem, as an answer to the problem itself; the referee's word stands."""
-    kappa = float(getattr(answer, "radius_multiplier", 0.0))
-    value, multipliers = np.asarray(answer.value, np.float64), np.asarray(answer.multipliers, np.float64)
-    value, multipliers, kappa = flat.outside(value, multipliers, kappa)
-    status, iterations = Status(answer.status), getattr(answer, "iterations", 0)
-    if status == Status.UNSUPPORTED:
+    if answer.status == Status.UNSUPPORTED:
         return unsupported(problem)
+    value, multipliers, kappa = flat.outside(answer.value, answer.multipliers, answer.radius_multiplier)
     if not (np.isfinite(value).all() and np.isfinite(multipliers).all() and np.isfinite(kappa)):
-        return nothing(problem, Status.NUMERICAL_ERROR, iterations)
-    found = Direction(value, multipliers, status, iterations, kappa, rung=getattr(answer, "rung", ""))
+        return nothing(problem, Status.NUMERICAL_ERROR, answer.iterations)
+    found = Direction(value, multipliers, Status(answer.status), answer.iterations, kappa, rung=answer.rung)
     is_exact = problem.metric is None or (  # units round nothing, or next to nothing
         getattr(problem.metric, "ndim", 2) == 1 and not misses_a_bound(problem, value)
     )
@@ -157,7 +154,7 @@ def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolera
     else:
         found = certify(problem, found, tolerance, infeasible_direction)
     # And no claim of somebody else's; the ball's search is ours, whatever core it asks.
-    is_ours = answer.residuals is not None or status == Status.INFEASIBLE or problem.radius is not None
+    is_ours = answer.residuals is not None or answer.status == Status.INFEASIBLE or problem.radius is not None
     if found.status == Status.UNCERTIFIED and is_ours and problem.metric is not None and misses_a_bound(problem, value):
         found = _contradict(problem, found, tolerance)
     return convert_answer(problem, found) if problem.is_tree else found
