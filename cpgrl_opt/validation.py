@@ -119,6 +119,14 @@ def require_positive(name: str, value: Any) -> None:
         raise ValueError(f"{name} should be a finite number > 0; found {value!r}")
 
 
+def require_within(name: str, value: Any, interval: str) -> None:
+    """ValueError unless `value` is one number of the interval, written as [0, 1) or (0, inf)."""
+    low, high = map(float, interval[1:-1].split(","))
+    above = is_number(value) and (low < value or (low == value and interval[0] == "["))
+    if not above or not (value < high or (value == high and interval[-1] == "]")):
+        raise ValueError(f"{name} should be in {interval}; found {value!r}")
+
+
 def require_count(name: str, value: Any, least: int = 1, most: int | None = None) -> None:
     """ValueError unless `value` is an integer ≥ least, and ≤ most if given."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:

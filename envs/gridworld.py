@@ -63,7 +63,8 @@ class GridWorld(TabularMDP):
 
 
 def _checked(layout: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(layout, str) or not layout or not all(isinstance(row, str) for row in layout):
+    is_sequence = isinstance(layout, Sequence) and not isinstance(layout, str)
+    if not is_sequence or not layout or not all(isinstance(row, str) for row in layout):
         raise ValueError(f"layout should be strings, one a row; found {layout!r}")
     rows = tuple(layout)
     if len({len(row) for row in rows}) != 1:

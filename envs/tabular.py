@@ -200,6 +200,8 @@ def random_mdp(rng: np.random.Generator, states: int, actions: int, channels: in
 
     All probabilities are positive, so every policy's chain is irreducible and aperiodic.
     """
+    if not isinstance(rng, np.random.Generator):
+        raise ValueError(f"rng should be a numpy.random.Generator; found {rng!r}")
     shape = positive_integer("states", states), positive_integer("actions", actions)
-    transitions = rng.dirichlet(np.ones(states), size=shape)
+    transitions = rng.dirichlet(np.ones(shape[0]), size=shape)
     return TabularMDP(transitions, rng.standard_normal((positive_integer("channels", channels), *shape)))

@@ -23,7 +23,9 @@ class TabularEnv(gymnasium.Env[np.int64, np.int64]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's own form
 
     def __init__(self, mdp: TabularMDP, *, render_mode: str | None = None) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+        if render_mode is not None and not (
+            isinstance(render_mode, str) and render_mode in self.metadata["render_modes"]
+        ):
             raise ValueError(f"render_mode should be None or 'rgb_array'; found {render_mode!r}")
         kernel = finite_kernel_of(mdp)
         if kernel is None:

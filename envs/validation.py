@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 # Rows that were normalised in float64 miss 1 by a few ulp; ones that were rounded to print miss it by far
 # more.
 SUM_TOLERANCE = 1e-9
+_LARGEST_COUNT = 10**9  # arrays of more entries along an axis fit no memory
 
 
 def real_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -58,11 +59,11 @@ def index_below(name: str, value: int, size: int) -> int:
 def positive_integer(name: str, value: int) -> int:
     """`value` as an int ≥ 1."""
     try:
-        number = operator.index(value)
-    except TypeError as error:
-        raise ValueError(f"{name} should be an integer ≥ 1; found {value!r}") from error
-    if number < 1:
-        raise ValueError(f"{name} should be an integer ≥ 1; found {number}")
+        number = 0 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = 0
+    if not 1 <= number <= _LARGEST_COUNT:
+        raise ValueError(f"{name} should be an integer from 1 to {_LARGEST_COUNT}; found {value!r}")
     return number
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from cpgrl_opt import ConstrainedStep, Linearization
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.step import Observer
-from cpgrl_opt.validation import require_count
+from cpgrl_opt.validation import is_number, require_count
 
 from .carried import put_back, require_like, state_of
 from .channels import name_of
@@ -107,7 +107,7 @@ class Training:
         max_change: float = np.inf,
     ) -> None:
         require_count("episodes", episodes, 0)
-        _require_types(initial, max_change)
+        _require_types(policy, estimator, learner, initial, max_change)
         indices = run_indices(runs)
         streams = [run_streams(seed, run) for run in indices]
         self._theta = _first_parameters(policy, initial, [np.random.default_rng(stream.initial) for stream in streams])
@@ -297,8 +297,13 @@ def train(
     )  # fmt: skip
 
 
-def _require_types(initial: object, max_change: object) -> None:
-    if not isinstance(max_change, (int, float, np.integer, np.floating)) or not max_change > 0:
+def _require_types(policy: object, estimator: object, learner: object, initial: object, max_change: Any) -> None:
+    for name, given, kind in (("policy", policy, Policy), ("estimator", estimator, GradientEstimator)):
+        if not isinstance(given, kind):
+            raise ValueError(f"{name} should be a {kind.__name__}; found {given!r}")
+    if not isinstance(learner, Learner) or isinstance(learner, Mapping):  # which has another kind of `update`
+        raise ValueError(f"learner should be a Learner; found {learner!r}")
+    if not is_number(max_change) or not max_change > 0:
         raise ValueError(f"max_change should be a number > 0; found {max_change!r}")
     if initial is not None and not callable(initial):
         raise ValueError(f"initial should be a function of a random generator, or None; found {initial!r}")
@@ -324,7 +329,7 @@ def _compiled(
 def uniform_parameters(n: int, low: float = 0.0, high: float = 1.0) -> Initial:
     """θ₀ ~ U[low, high]ⁿ; the paper's §3.1 has U[0, 1]⁹."""
     require_count("n", n)
-    if not -np.inf < low <= high < np.inf:
+    if not (is_number(low) and is_number(high) and -np.inf < low <= high < np.inf):
         raise ValueError(f"low and high should be finite, low ≤ high; found {low!r}, {high!r}")
     return lambda rng: rng.uniform(low, high, n)
 

@@ -94,7 +94,10 @@ def function_type(signature: str) -> Any:
     from numba import types
     from numba.core import sigutils
 
-    arguments, result = sigutils.normalize_signature(signature)
+    try:
+        arguments, result = sigutils.normalize_signature(signature)
+    except (NameError, SyntaxError, TypeError) as error:
+        raise ValueError(f"signature should be one of numba's, as {STEP_SIGNATURE!r}; found {signature!r}") from error
     return types.FunctionType(result(*arguments))
 
 
@@ -103,6 +106,8 @@ def random_state(seed: np.random.SeedSequence) -> UInt64[np.ndarray, "4"]:
 
     One per run, from `SeedSequence.spawn`; every kernel of a run advances it in place.
     """
+    if not isinstance(seed, np.random.SeedSequence):
+        raise ValueError(f"seed should be a numpy.random.SeedSequence; found {seed!r}")
     return seed.generate_state(4, np.uint64)
 
 

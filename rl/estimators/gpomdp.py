@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.validation import require_count
+from cpgrl_opt.validation import require_count, require_member, require_within
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..rollout import episode, require_fitting, reward_channels
 from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, UpdateWatch, channels_from_start, require_gradient, require_updates
-from .stored_average import StoredAverage, require_average_settings
+from .stored_average import StoredAverage, kinds_of_average, require_average_settings
 
 WEIGHTS = ("paper", "usual")
 
@@ -54,13 +54,10 @@ class GPOMDP:
     bias_correction: bool = True
 
     def __post_init__(self) -> None:
-        if not 0 <= self.trace_decay < 1:
-            raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
-        if self.weights not in WEIGHTS:
-            raise ValueError(f"weights should be one of {', '.join(WEIGHTS)}; found {self.weights!r}")
+        require_within("trace_decay", self.trace_decay, "[0, 1)")
+        require_member("weights", self.weights, tuple(WEIGHTS))
         require_count("steps", self.steps)
-        if not isinstance(self.average, str):
-            object.__setattr__(self, "average", tuple(self.average))
+        object.__setattr__(self, "average", kinds_of_average(self.average))
         require_average_settings(self)
         require_gradient(self.gradient)
 

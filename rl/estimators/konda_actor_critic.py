@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.validation import require_count
+from cpgrl_opt.validation import require_count, require_positive, require_within
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..rollout import Step, act, episode, located, require_fitting, reward_channels
 from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, require_gradient
-from .stored_average import StoredAverage, require_average_settings
+from .stored_average import StoredAverage, kinds_of_average, require_average_settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +66,9 @@ class KondaActorCritic:
     bias_correction: bool = True
 
     def __post_init__(self) -> None:
-        if not 0 <= self.trace_decay < 1:
-            raise ValueError(f"trace_decay should be in [0, 1); found {self.trace_decay!r}")
-        if not 0 < self.critic_rate < np.inf:  # at 0 critics, and Δ, would stay 0
-            raise ValueError(f"critic_rate should be a finite number > 0; found {self.critic_rate!r}")
-        if not isinstance(self.average, str):
-            object.__setattr__(self, "average", tuple(self.average))
+        require_within("trace_decay", self.trace_decay, "[0, 1)")
+        require_positive("critic_rate", self.critic_rate)  # at 0 critics, and Δ, would stay 0
+        object.__setattr__(self, "average", kinds_of_average(self.average))
         require_average_settings(self)
         require_count("steps", self.steps)
         require_gradient(self.gradient)

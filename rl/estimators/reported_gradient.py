@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 
 from cpgrl_opt.arrays import Bool, Float, Int
+from cpgrl_opt.validation import require_member
 
 from .stored_average import MeanWeight
 
@@ -137,5 +138,4 @@ def require_updates(weights: str, gradient: str, by_episode: Bool[np.ndarray, "c
 
 def require_gradient(gradient: str) -> None:
     """ValueError unless `gradient` is one of GRADIENTS."""
-    if gradient not in GRADIENTS:
-        raise ValueError(f"gradient should be one of {', '.join(GRADIENTS)}; found {gradient!r}")
+    require_member("gradient", gradient, tuple(GRADIENTS))

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from cpgrl_opt.arrays import Float
+from cpgrl_opt.validation import require_within
 
 AVERAGES = ("step", "episode")
 _SETTLED = 1 - 1e-14  # a sum of weights that counts as 1: at α = 0.02 it stalls 3e-15 below
@@ -75,8 +76,8 @@ class StoredAverage:
 
     def __init__(self, settings: AverageSettings, runs: int, channels: int) -> None:
         average = settings.average
+        kinds_of_average(average)
         kinds = (average,) * channels if isinstance(average, str) else tuple(average)
-        require_averages(kinds)
         if len(kinds) != channels:
             raise ValueError(f"average should be one kind, or {channels}, one for each channel; found {len(kinds)}")
         self.rate = float(settings.average_rate)
@@ -113,18 +114,19 @@ def sum_of_weights(rate: float, count: int) -> float:
     return float(-np.expm1(count * np.log1p(-rate)))
 
 
-def require_averages(average: str | Sequence[str]) -> None:
-    """ValueError unless `average` is a kind or a sequence of kinds."""
-    for kind in (average,) if isinstance(average, str) else average:
-        if kind not in AVERAGES:
+def kinds_of_average(average: str | Sequence[str]) -> str | tuple[str, ...]:
+    """The kind, or the kinds of all channels; ValueError for anything else."""
+    kinds = (average,) if isinstance(average, str) or not isinstance(average, Sequence) else tuple(average)
+    for kind in kinds:
+        if not isinstance(kind, str) or kind not in AVERAGES:
             raise ValueError(f"average should be one of {', '.join(AVERAGES)}, or one for each channel; found {kind!r}")
+    return average if isinstance(average, str) else kinds
 
 
 def require_average_settings(settings: AverageSettings) -> None:
     """ValueError for a rate, a kind or a correction that is none."""
     rate = settings.average_rate
-    if not 0 <= rate <= 1:
-        raise ValueError(f"average_rate should be in [0, 1]; found {rate!r}")
+    require_within("average_rate", rate, "[0, 1]")
     if not isinstance(settings.bias_correction, (bool, np.bool_)):
         raise ValueError(f"bias_correction should be True or False; found {settings.bias_correction!r}")
     if rate == 0 and settings.bias_correction:
@@ -132,4 +134,4 @@ def require_average_settings(settings: AverageSettings) -> None:
             "average_rate should be above 0, since ρ would never leave 0; found 0. With bias_correction=False it is "
             "taken, for a ρ that stays 0"
         )
-    require_averages(settings.average)
+    kinds_of_average(settings.average)

@@ -27,6 +27,8 @@ class GradientWithRestoration:
     restoration: ConstrainedStep
 
     def __init__(self, step: ConstrainedStep, thresholds: ArrayLike) -> None:
+        if not isinstance(step, ConstrainedStep):
+            raise ValueError(f"step should be a ConstrainedStep; found {step!r}")
         if FORMULATIONS[step.formulation].restores_inside:
             raise ValueError(
                 f"formulation should be 'equality' or 'cone', with a restoration apart; found {step.formulation!r}"

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpgrl_opt.validation import real_values
+from cpgrl_opt.validation import real_values, require_nonnegative
 
 
 def threshold_vector(thresholds: ArrayLike) -> NDArray[np.float64]:
@@ -17,6 +17,5 @@ def threshold_vector(thresholds: ArrayLike) -> NDArray[np.float64]:
 
 def require_step_size(step_size: float) -> float:
     """ValueError unless α₁ is a finite number ≥ 0."""
-    if not 0 <= step_size < np.inf:
-        raise ValueError(f"step_size should be a finite number ≥ 0; found {step_size!r}")
+    require_nonnegative("step_size", step_size)
     return float(step_size)

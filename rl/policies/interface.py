@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.validation import real_values
+from cpgrl_opt.validation import real_values, require_count
 
 Index = int | np.int64
 Features = Callable[[Any], Float[np.ndarray, "k"]]
@@ -36,6 +36,9 @@ class Policy(Protocol):
 P = TypeVar("P", bound=Policy)
 
 
+_MOST_PARAMETERS = 10**12  # 8 TB
+
+
 def parameter_vector(parameters: ArrayLike, n: int) -> NDArray[np.float64]:
     """A read-only copy of θ, (n,); ValueError unless it is n finite real numbers."""
     if parameters is None or isinstance(parameters, np.ma.MaskedArray):
@@ -54,7 +57,8 @@ def _described(parameters: ArrayLike | None) -> str:
 
 
 def first_parameters(parameters: ArrayLike | None, n: int) -> NDArray[np.float64]:
-    """θ of a policy's constructor: zeros, (n,), unless given."""
+    """θ of a policy's constructor: zeros, (n,), unless given; ValueError for more than memory may hold."""
+    require_count("the number of parameters", n, 1, _MOST_PARAMETERS)
     return parameter_vector(np.zeros(n) if parameters is None else parameters, n)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.validation import require_count
+from cpgrl_opt.validation import require_count, require_positive
 
 from .interface import Features, at_parameters, feature_vector, first_parameters
 
@@ -39,8 +39,7 @@ class LinearGaussian:
     ) -> None:
         require_count("size", size)
         require_count("dimensions", dimensions)
-        if not 0 < deviation < np.inf:
-            raise ValueError(f"deviation should be a finite number > 0; found {deviation!r}")
+        require_positive("deviation", deviation)
         for name, value in (
             ("features", features),
             ("size", int(size)),

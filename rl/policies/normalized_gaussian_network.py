@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpgrl_opt.arrays import Vector
-from cpgrl_opt.validation import require_count
+from cpgrl_opt.validation import is_number, real_values, require_count, require_positive
 
 from .interface import at_parameters, first_parameters
 
@@ -54,12 +54,13 @@ class NormalizedGaussianNetwork:
         width: float = 1.0,
         parameters: ArrayLike | None = None,
     ) -> None:
+        if not isinstance(counts, Sequence):
+            raise ValueError(f"counts should be a number of units for each axis; found {counts!r}")
         for count in counts:
             require_count("counts", count, 2)
         require_count("dimensions", dimensions)
-        if not 0 < deviation < np.inf:
-            raise ValueError(f"deviation should be a finite number > 0; found {deviation!r}")
-        if not _NARROWEST <= width < np.inf:
+        require_positive("deviation", deviation)
+        if not is_number(width) or not _NARROWEST <= width < np.inf:
             raise ValueError(f"width should be a finite number ≥ {_NARROWEST}; found {width!r}")
         corners = _corners(low, high, len(counts))
         size = int(np.prod(counts))
@@ -132,10 +133,11 @@ def _corners(low: ArrayLike, high: ArrayLike, axes: int) -> NDArray[np.float64]:
     """Read-only copies of both corners, (2, D)."""
     if axes == 0:
         raise ValueError("counts should hold a number for each axis of the state; found none")
-    for name, corner in (("low", low), ("high", high)):
-        if np.shape(corner) != (axes,):
-            raise ValueError(f"{name} should have shape ({axes},), as counts; found {np.shape(corner)}")
-    corners = np.array([low, high], dtype=np.float64)
+    given = {"low": real_values("low", low), "high": real_values("high", high)}
+    for name, corner in given.items():
+        if corner.shape != (axes,):
+            raise ValueError(f"{name} should have shape ({axes},), as counts; found {corner.shape}")
+    corners = np.array(list(given.values()))
     if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
         raise ValueError(f"low and high should be finite, low < high; found {corners[0]}, {corners[1]}")
     corners.flags.writeable = False
