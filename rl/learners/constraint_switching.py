@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from cpgrl_opt import Linearization
 from cpgrl_opt.arrays import Float
 from cpgrl_opt.step import Observer
-from cpgrl_opt.validation import require_shape
+from cpgrl_opt.validation import require_nonnegative, require_shape
 
 from .interface import LearnerUpdate
 from .settings import require_step_size, threshold_vector
@@ -29,8 +29,7 @@ class ConstraintSwitching:
     tolerance: float
 
     def __init__(self, thresholds: ArrayLike, *, step_size: float = 0.02, tolerance: float = 0.0) -> None:
-        if not 0 <= tolerance < np.inf:
-            raise ValueError(f"tolerance should be a finite number ≥ 0; found {tolerance!r}")
+        require_nonnegative("tolerance", tolerance)
         object.__setattr__(self, "thresholds", threshold_vector(thresholds))
         object.__setattr__(self, "step_size", require_step_size(step_size))
         object.__setattr__(self, "tolerance", float(tolerance))
