@@ -62,8 +62,10 @@ def positive_integer(name: str, value: int) -> int:
         number = 0 if isinstance(value, bool) else operator.index(value)
     except TypeError:
         number = 0
-    if not 1 <= number <= _LARGEST_COUNT:
-        raise ValueError(f"{name} should be an integer from 1 to {_LARGEST_COUNT}; found {value!r}")
+    if number < 1:
+        raise ValueError(f"{name} should be an integer ≥ 1; found {value!r}")
+    if number > _LARGEST_COUNT:
+        raise ValueError(f"{name} should be an integer ≤ {_LARGEST_COUNT}; found {value!r}")
     return number
 
 
