@@ -126,12 +126,11 @@ class StepRun:
                 recovered = recover(problems[k], answers.value[k])
                 if recovered is not None:  # the proof stays what it is
                     answers.value[k] = recovered
-        unknown = np.full((len(answers), 4), np.nan) if answers.residuals is None else answers.residuals
-        return replace(answers, residuals=unknown)
+        residuals = np.full((len(answers), 4), np.nan) if answers.residuals is None else answers.residuals.copy()
+        residuals[infeasible] = np.nan  # whatever the answer was certified as before it was found to be so
+        return replace(answers, residuals=residuals)
 
-    def contradict(
-        self, problems: ProblemBatch, answers: DirectionBatch, runs: Int[np.ndarray, "problems"]
-    ) -> DirectionBatch:
+    def contradict(self, problems: ProblemBatch, answers: DirectionBatch, runs: np.ndarray) -> DirectionBatch:
         """INFEASIBLE where rows and bounds are so by themselves, which a metric may hide; d violates as little in M."""
         slack = np.vecdot(problems.jacobian, answers.value[:, None]) - problems.bound
         answers = answers.owned()
@@ -144,9 +143,7 @@ class StepRun:
                     answers.status[k], answers.multipliers[k] = Status.INFEASIBLE, proof.multipliers
         return answers
 
-    def hand_on(
-        self, problems: ProblemBatch, answers: DirectionBatch, runs: Int[np.ndarray, "problems"]
-    ) -> DirectionBatch:
+    def hand_on(self, problems: ProblemBatch, answers: DirectionBatch, runs: np.ndarray) -> DirectionBatch:
         """The failures handed on."""
         failed = answers.status > Status.INFEASIBLE
         if failed.any() and self.settings.on_failure == "raise":
@@ -180,9 +177,7 @@ class StepRun:
         # In a ball, where s is as long as the radius or 0, solvers round it themselves.
         return vanish(tangent, constraints) if radius is None else (tangent == 0.0).all(axis=1)
 
-    def drop(
-        self, constraints: ActiveConstraints, moves: Moves, still: Bool[np.ndarray, "B"]
-    ) -> tuple[Moves, Bool[np.ndarray, "B"]]:
+    def drop(self, constraints: ActiveConstraints, moves: Moves, still: np.ndarray) -> tuple[Moves, np.ndarray]:
         """𝒜 ← 𝒜 without the largest λ, until some λ ≤ 0 exists; P and d are built anew. See `drop_rule`. §2.3.
 
         Returns s, v, and whether PΔ¹ = 0 at the end of it.

@@ -110,15 +110,14 @@ class ConstrainedStep(StepSettings):
         self, given: Linearization, slack: np.ndarray, active: np.ndarray, observe: Observer | None
     ) -> StepResult:
         """Where M = I, and of few numbers: one array of float64, or the coordinates of the gradients' span."""
-        flat, whitening = given, self._whitening
+        whitening = self._whitening
         if self.metric_is_tree:
             if not given.is_tree:
                 raise ValueError("metric should be an array or a function where gradients are no tree; found a tree")
             whitening = check_metric(metric_of_rows(given.vectors[0], self.metric), given.n)[1]
-            flat = given.whiten(whitening)
         elif whitening is not None:
             require_shape("metric", self.metric, (given.n,) * self.metric.ndim)  # type: ignore[union-attr, arg-type]
-            flat = given.whiten(whitening)
+        flat = given if whitening is None else given.whiten(whitening)
         runs, before = slack.shape[:-1], None if self.metric is None else given.gradients
         if math.prod(runs) and (callable(self.metric) or flat.is_long):
             rows = [None] * math.prod(runs) if before is None else _stack(runs, before)[0]
@@ -158,12 +157,7 @@ class ConstrainedStep(StepSettings):
         return known
 
     def _on_rows(
-        self,
-        gradients: np.ndarray,
-        slack: np.ndarray,
-        active: np.ndarray,
-        observe: Observer | None,
-        before: np.ndarray | None = None,
+        self, gradients: np.ndarray, slack: np.ndarray, active: np.ndarray, observe: Any, before: Any = None
     ) -> StepResult:
         """Where M = I: the usual way where it is all, else the long one. (…, 1 + m, n), (…, m), (…, m).
 

@@ -74,6 +74,7 @@ def test_nor_does_it_in_a_step(formulation: str, metric: str, n: int) -> None:
     step = ConstrainedStep(formulation=formulation, metric=given, step_size=1.0, restoration_rate=1.0)
     result = step(Linearization([[0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 0.0]], gradients), np.zeros(3))
     assert result.counts["infeasible"].tolist() == [1, 0]
+    assert np.isnan(result.residuals).all(axis=1).tolist() == [True, False]  # an optimum in M alone is none
     assert formulation == "cone" or not result.stationary[0]
 
 
