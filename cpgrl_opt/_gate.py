@@ -65,7 +65,8 @@ def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarr
         return None
     if gradient.shape != (*shape[:-2], shape[-1]) or bound.shape != shape[:-1] or shape[-1] == 0:
         return None
-    packed = np.concatenate((gradient.ravel(), jacobian.ravel(), bound.ravel()))
+    rows = jacobian.ravel()
+    packed = np.concatenate((gradient, rows, bound) if axes == 1 else (gradient.ravel(), rows, bound.ravel()))
     if not isfinite(np.vdot(packed, packed)):  # which warns of no overflow, as `dot` does
         return None
     packed.setflags(False)  # type: ignore[call-arg]  # as in `read_only`
@@ -99,7 +100,7 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
         shape = len(rows), len(rows[0])
     else:
         return None
-    if len(shape) != 2 or not is_long(*shape):
+    if len(shape) != 2 or shape[1] <= 64 or not is_long(*shape):  # in so few parameters no problem is
         return None
     rows = tuple(map(read_only, rows)) if isinstance(rows, tuple) else real_view("jacobian", rows, 2)
     view = ArrayVectors(real_view("gradient", gradient, 1), rows)

@@ -41,7 +41,7 @@ def admit(run, gradients, active, takes_all, kept, flat):
 
 
 @inlined
-def ask(run, part, gradients, slack, kept, settings, g, bound, equality):
+def pose(run, part, gradients, slack, kept, settings, g, bound, equality):
     """The tangent problem of a run, part 0, or its restoration, part 1: g (1, n), bound and equality (m,)."""
     restores_inside, takes_all, step_size, restoration_rate = settings[2] > 0, settings[3] > 0, settings[4], settings[5]
     inside = (1.0 if takes_all else restoration_rate) / step_size if restores_inside else float(part)
@@ -113,7 +113,7 @@ def move_parameters(gradients, slack, active, settings, flat, change, multiplier
         if admit(run, gradients, active, takes_all, kept, flat):
             return False
         for part in range(1 if restores_inside else 2):  # the tangent, then the restoration
-            ask(run, part, gradients, slack, kept, settings, g, bound, equality)
+            pose(run, part, gradients, slack, kept, settings, g, bound, equality)
             worst, _ = solve_problem(
                 tangent_solver, 0, g, gradients[run, 1:], bound, equality, gram, factor, small, state, order, value,
                 rest, parts,

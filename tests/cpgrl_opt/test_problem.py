@@ -1,5 +1,7 @@
 """A direction problem is validated once, on construction, and its arrays cannot be changed afterwards."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -183,3 +185,8 @@ def test_a_batch_keeps_metrics_and_radii():
 def test_a_batch_of_problems_with_and_without_a_radius_is_refused():
     with pytest.raises(ValueError, match="problems should all have a radius, or none; found 1 of 2"):
         ProblemBatch.stack([problem_with(), problem_with(radius=1.0)])
+
+
+@pytest.mark.parametrize("kind", [DirectionProblem, ProblemBatch])
+def test_problems_that_were_pickled_when_they_had_one_file_are_found(kind):
+    assert pickle.loads(f"ccpgrl_opt.problem\n{kind.__name__}\n.".encode()) is kind
