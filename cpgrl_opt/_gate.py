@@ -145,7 +145,7 @@ def metric_of_rows(vectors: Vectors, metric: Any) -> Any:
     require_no_metric(vectors, metric)
     if metric is None or not isinstance(vectors, TreeVectors):
         return metric
-    if callable(metric):
+    if callable(metric) and not isinstance(metric, type):
         return lambda row: vectors.row_of(metric(vectors.unrounded(row)), "what metric returns")
     is_matrix = hasattr(metric, "ndim") and metric.ndim == 2 and vectors.shape[1] == len(metric)
     return metric if is_matrix else vectors.row_of(metric, "metric")

@@ -84,6 +84,8 @@ class ConstrainedStep(StepSettings):
         """
         if not isinstance(linearization, Linearization):
             raise ValueError(f"linearization should be a Linearization; found {linearization!r}")
+        if observe is not None and not callable(observe):
+            raise ValueError(f"observe should be a function (problems, answers) or None; found {observe!r}")
         if linearization.is_tree:
             look = partial(self._slack_and_active, linearization, thresholds, previous)
             slack, active = linearization.vectors[0].agree(look)

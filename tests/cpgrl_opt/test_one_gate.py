@@ -285,6 +285,7 @@ def test_truth_values_are_no_bounds(bound: object) -> None:
         ("metric", lambda: ConstrainedStep(metric=3)),
         ("metric", lambda: DirectionProblem([1.0], [[1.0]], metric=object)),  # a type, which could be called
         ("rule", lambda: ConstrainedStep(rule=object)),
+        ("metric", lambda: DirectionProblem({"a": np.ones(1)}, [{"a": np.ones(1)}], metric=object)),
         ("slack", lambda: violated([0.0, np.nan])),
         ("slack", lambda: hysteresis([0.0, np.nan])),
         ("previous", lambda: hysteresis([0.0, 1.0], "both")),
