@@ -9,7 +9,7 @@ import pytest
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
 from cpgrl_opt.comparison.exact import exact_answer
 from cpgrl_opt.comparison.families import FAMILIES
-from cpgrl_opt.solvers import DirectionSolver, is_installed
+from cpgrl_opt.solvers import DirectionSolver, QPSolversBackend, is_installed
 from cpgrl_opt.solvers.through_qpsolvers import BACK_ENDS
 
 
@@ -52,7 +52,8 @@ def test_a_tenth_of_a_microsecond_is_too_short(name: str) -> None:
 
 @pytest.mark.parametrize("name", BACK_ENDS)
 def test_every_library_that_has_limits_gets_both(name: str) -> None:
-    options = BACK_ENDS[name].options(1e-8, 12345, 67.5).values()
+    settings = QPSolversBackend(name, iteration_limit=12345, time_limit=67.5)
+    options = BACK_ENDS[name].options(settings).values()
     assert (12345 in options) == (name != "quadprog")
     assert (67.5 in options) == (name not in WITHOUT_TIME_LIMIT)
 
