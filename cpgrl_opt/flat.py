@@ -113,5 +113,5 @@ def _flatten_in_span(problem: DirectionProblem) -> Flat:
     g, J, bound = problem.gradient, problem.jacobian, problem.bound
     span = Span.of(problem.whitening, g, J, bound > -np.inf)
     flat = DirectionProblem.trusted(span.rows[0], span.rows[1:], bound, problem.equality, problem.radius)
-    ones = np.zeros(problem.n, np.int64), np.zeros(problem.m, np.int64), 0, 0
+    ones = np.broadcast_to(np.int64(0), problem.n), np.zeros(problem.m, np.int64), 0, 0
     return Flat(flat, span.rows, problem.metric, span, *ones, span.failure, unit_rows(flat.jacobian))

@@ -104,16 +104,17 @@ class Span:
     @classmethod
     def of(cls, metric: OperatorMetric, g: Vector, J: Jacobian, on: Bool[np.ndarray, "m"]) -> "Span":
         """By 1 + m solves; rows that are off are 0."""
-        V = np.vstack([g, np.where(on[:, None], J, 0.0)])
-        found, reached = zip(*map(metric.solve, V), strict=True)
-        U = np.array(found)
+        U, reached, is_some = np.zeros((1 + len(J), len(g))), True, np.append(g.any(), J.any(axis=1) & on)
+        for i in np.flatnonzero(is_some):
+            U[i], is_found = metric.solve(g if i == 0 else J[i - 1])
+            reached = reached and is_found
         with np.errstate(all="ignore"):
-            K = V @ U.T
+            K = np.where(is_some[:, None], np.vstack([U @ g, J @ U.T]), 0.0)
             lengths = np.sqrt(K.diagonal())
-            is_tame = np.isfinite(K).all() and ((lengths > 1e-140) | ~V.any(axis=1)).all() and (lengths < 1e140).all()
+            is_tame = np.isfinite(K).all() and ((lengths > 1e-140) | ~is_some).all() and (lengths < 1e140).all()
             unit = np.where(lengths > 0.0, lengths, 1.0)
             factor, basis = _factor(0.5 * (K + K.T) / unit / unit[:, None], 100.0 * metric.tolerance)
-        failure = Status.NUMERICAL_ERROR if not is_tame else None if all(reached) else Status.UNCERTIFIED
+        failure = Status.NUMERICAL_ERROR if not is_tame else None if reached else Status.UNCERTIFIED
         return cls(metric, g, J, U, lengths, factor, basis, failure)
 
     @property

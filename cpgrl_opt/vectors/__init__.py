@@ -5,26 +5,16 @@ tensors and arrays of float32; `_operations` for objects of the caller's own kin
 several processes.
 """
 
-from ._kinds import channels_of, kind_of
-from ._numpy import REPRESENTABLE, ArrayVectors, LeafVectors, is_long
-from ._operations import OperationVectors, VectorOperations
-from ._sharded import Sharded
-from ._torch import gather_by_torch
-from ._trees import TreeVectors
-from .interface import Certificate, Vectors
-
-__all__ = [
-    "REPRESENTABLE",
-    "ArrayVectors",
-    "Certificate",
-    "LeafVectors",
-    "OperationVectors",
-    "Sharded",
-    "TreeVectors",
-    "VectorOperations",
-    "Vectors",
-    "channels_of",
-    "gather_by_torch",
-    "is_long",
-    "kind_of",
-]
+from ._kinds import channels_of as channels_of
+from ._kinds import kind_of as kind_of
+from ._numpy import REPRESENTABLE as REPRESENTABLE
+from ._numpy import ArrayVectors as ArrayVectors
+from ._numpy import LeafVectors as LeafVectors
+from ._numpy import is_long as is_long
+from ._operations import OperationVectors as OperationVectors
+from ._operations import VectorOperations as VectorOperations
+from ._sharded import Sharded as Sharded
+from ._torch import gather_by_torch as gather_by_torch
+from ._trees import TreeVectors as TreeVectors
+from .interface import Certificate as Certificate
+from .interface import Vectors as Vectors

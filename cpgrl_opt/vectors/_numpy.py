@@ -45,6 +45,10 @@ class LeafVectors(Vectors):
 
     has_rows = True
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what was found: the arrays of a copy lie elsewhere."""
+        return {"gradient": self.gradient, "jacobian": self.jacobian}
+
     @property
     def leaves(self) -> tuple[Leaf, ...]:
         """(g's part (k,), J's part (m, k) or its rows apart) of each leaf, of one of DTYPES or BFLOAT16."""
@@ -212,10 +216,6 @@ class ArrayVectors(LeafVectors):
 
     gradient: Vector
     jacobian: Jacobian | tuple[Vector, ...]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what was found: the arrays of a copy lie elsewhere."""
-        return {"gradient": self.gradient, "jacobian": self.jacobian}
 
     @property
     def leaves(self) -> tuple[Leaf, ...]:

@@ -37,6 +37,7 @@ def detach(tensor: Any) -> Any:
         raise ValueError(
             f"tensors should be dense and on a device that has float64; found {tensor.layout} on {tensor.device}"
         )
+    addresses([tensor])
     tensor = tensor.detach() if tensor.requires_grad else tensor
     return tensor.resolve_neg() if tensor.is_neg() else tensor  # of a conjugate's imaginary part NumPy sees nothing
 
@@ -55,9 +56,10 @@ def as_array(tensor: Any) -> np.ndarray:
 
 def are_side_by_side(tensors: list[Any]) -> bool:
     """Whether they are tensors on the CPU of which NumPy would see all numbers side by side."""
-    Tensor = _torch().Tensor
+    torch = _torch()
+    Tensor = torch.Tensor
     return (
-        all(issubclass(kind, Tensor) for kind in {*map(type, tensors)})
+        {*map(type, tensors)} <= {Tensor, torch.nn.Parameter}  # others may be wrapped around what lies elsewhere
         and all(map(attrgetter("is_cpu"), tensors))
         and all(map(Tensor.is_contiguous, tensors))
         and not any(map(Tensor.is_neg, tensors))
@@ -66,8 +68,11 @@ def are_side_by_side(tensors: list[Any]) -> bool:
 
 
 def addresses(tensors: list[Any]) -> list[int]:
-    """Where they begin."""
-    return [*map(_torch().Tensor.data_ptr, tensors)]
+    """Where they begin; ValueError for what is traced and has no numbers."""
+    try:
+        return [*map(_torch().Tensor.data_ptr, tensors)]
+    except RuntimeError as error:
+        raise ValueError(f"tensors should have numbers, outside of torch.func; found none: {error}") from error
 
 
 def as_tensor(part: Any, like: Any) -> Any:

@@ -29,10 +29,6 @@ class TreeVectors(LeafVectors):
     gradient: Any
     jacobian: Any
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what was found: the arrays of a copy lie elsewhere."""
-        return {"gradient": self.gradient, "jacobian": self.jacobian}
-
     @cached_property
     def leaves(self) -> tuple[Leaf, ...]:
         """g's part, flat, and J's as (m, k) or as rows apart; ValueError for what does not fit."""

@@ -457,6 +457,13 @@ def test_traced_arrays_of_jax_are_refused_by_name() -> None:
         jax.jit(lambda g: ACTIVE_SET.solve(DirectionProblem(g, g[None])).value)(jax.numpy.ones(3))
 
 
+@pytest.mark.parametrize("n", [SHORT, LONG])
+def test_traced_tensors_are_refused_by_name(n: int) -> None:
+    torch = pytest.importorskip("torch")
+    with pytest.raises(ValueError, match=r"tensors should have numbers, outside of torch\.func; found none"):
+        torch.func.grad(lambda g: ACTIVE_SET.solve(DirectionProblem(g, [g, g])).value.sum())(torch.ones(n))
+
+
 def test_values_and_bounds_are_detached() -> None:
     torch = pytest.importorskip("torch")
     numbers, g = torch.ones(2, requires_grad=True), torch.ones(3)
