@@ -36,21 +36,21 @@ _ROUNDED_GAIN = 8 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, eq=False)
 class Violation:
-    """r (m,), 0 where nothing is violated; and the unit rows (m, n) and b̂ (m,) it is of."""
+    """r (m,), 0 where nothing is violated; the unit rows (m, n) it is of; and the largest of (b̂ᵢ)₊, |b̂ᵢ| on E."""
 
     amount: np.ndarray
     jacobian: np.ndarray
-    bound: np.ndarray
+    demanded: float
 
 
 def violation(problem: DirectionProblem, d: Vector) -> Violation:
     """The violation of d, M = I; zero rows, which no d can mend, are left out."""
-    require_rows(problem)
     rows = unit_rows(problem.jacobian)
     on = (rows.largest > 0) & (problem.bound > -np.inf)
     bound = np.where(on, rows.per_length(problem.bound), 0.0)
     lack = np.where(on, bound - rows.jacobian @ d, 0.0)
-    return Violation(np.where(problem.equality, lack, np.maximum(lack, 0.0)), rows.jacobian, bound)
+    amount = np.where(problem.equality, lack, np.maximum(lack, 0.0))
+    return Violation(amount, rows.jacobian, largest(demand(bound, problem.equality)))
 
 
 def misses_a_bound(problem: DirectionProblem, d: Any) -> bool:
@@ -80,14 +80,11 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
 
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
-    require_problem(problem)
-    require_rows(problem)
-    d = problem.row_of(d)
-    require_shape("d", d, (problem.n,))
+    d = _checked(problem, d)
     if not np.isfinite(d).all():
         return math.inf
     lack = violation(problem, d)
-    size = max(norm(lack.amount), _LEAST * max(norm(problem.gradient), norm(d), _demanded(problem, lack)))
+    size = max(norm(lack.amount), _LEAST * max(norm(problem.gradient), norm(d), lack.demanded))
     return norm(lack.amount / size @ lack.jacobian) if size > 0 else 0.0
 
 
@@ -99,19 +96,14 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     it, s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E) and no more than the radius: 0 where d is in the ball and no other point of it
     violates less, Π(d + Ĵᵀr) being a step of projected descent.
     """
-    require_problem(problem)
-    require_rows(problem)
-    d = problem.row_of(d)
-    require_shape("d", d, (problem.n,))
-    if not np.isfinite(d).all():
-        return math.inf
-    if problem.metric is not None and flatten(problem).failure is not None:
+    d = _checked(problem, d)
+    if not np.isfinite(d).all() or (problem.metric is not None and flatten(problem).failure is not None):
         return math.inf
     flat, d, radius = _flatten(problem, d)
     if not (np.isfinite(d).all() and np.isfinite(flat.jacobian).all()):
         return math.inf
     lack = violation(flat, d)
-    unit = max(norm(d), _demanded(flat, lack))
+    unit = max(norm(d), lack.demanded)
     unit = max(unit, norm(flat.gradient)) if radius is None else min(unit, radius)
     if not 0.0 < unit < np.inf:  # a bound overflows in units of its row, or there is nothing at all
         return math.inf if unit else 0.0
@@ -145,18 +137,12 @@ def farkas_residual(problem: DirectionProblem, y: Multipliers) -> float:
     require_rows(problem)
     y = real_values("y", y)
     require_shape("y", y, (problem.m,))
-    if problem.metric is not None and np.isfinite(y).all() and y.any():
-        flat = flatten(problem)
-        if flat.failure is not None:
-            return math.inf
-        problem, y = flat.problem, flat.proof(y)
-    proof = _read(problem, y)
-    residual = proof.residual
-    if problem.radius is None or not 0.0 < proof.size < math.inf:
-        return residual
-    unit = max(proof.size, problem.radius)
-    gain = proof.gain * (proof.size / unit) - problem.radius / unit * proof.force
-    return min(residual, max(_ROUNDED_GAIN * proof.weight, proof.negative) / gain if gain > 0 else math.inf)
+    proof, radius = _read(problem, y)
+    if radius is None or not 0.0 < proof.size < math.inf:
+        return proof.residual
+    unit = max(proof.size, radius)
+    gain = proof.gain * (proof.size / unit) - radius / unit * proof.force
+    return min(proof.residual, max(_ROUNDED_GAIN * proof.weight, proof.negative) / gain if gain > 0 else math.inf)
 
 
 def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> bool:
@@ -165,9 +151,7 @@ def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> boo
     No direction shorter than b̂ᵀŷ/‖Ĵᵀŷ‖ meets them. In a ball g is no length.
     """
     flat, size, radius = _flatten(problem, problem.row_of(d))
-    if problem.metric is not None and np.isfinite(y).all() and y.any():
-        y = flatten(problem).proof(y)
-    proof, length = _read(flat, y), norm(size)
+    proof, length = _read(problem, y)[0], norm(size)
     reach = proof.size / proof.residual if proof.residual > 0.0 else math.inf
     return reach >= (_FAR * max(length, norm(flat.gradient)) if radius is None else min(radius, _FAR * length))
 
@@ -187,11 +171,20 @@ class _Proof(NamedTuple):
         return max(self.force, self.negative) / self.gain if self.gain > 0 else math.inf
 
 
-def _read(problem: DirectionProblem, y: Multipliers) -> _Proof:
-    """What y proves where M = I."""
-    if not (
-        np.isfinite(y).all() and y.any() and np.isfinite(problem.jacobian).all() and (problem.bound < np.inf).all()
-    ):
+def _read(problem: DirectionProblem, y: Multipliers) -> tuple[_Proof, float | None]:
+    """What y proves where M = I, and the radius there."""
+    if not (np.isfinite(y).all() and y.any()):
+        return _Proof(), None
+    if problem.metric is not None:
+        flat = flatten(problem)
+        if flat.failure is not None:
+            return _Proof(), None
+        problem, y = flat.problem, flat.proof(y)
+    return _read_rows(problem, y), problem.radius
+
+
+def _read_rows(problem: DirectionProblem, y: Multipliers) -> _Proof:
+    if not (np.isfinite(problem.jacobian).all() and (problem.bound < np.inf).all()):
         return _Proof()
     rows, inequality = unit_rows(problem.jacobian), ~problem.equality
     is_zero = rows.largest == 0
@@ -210,9 +203,13 @@ def _read(problem: DirectionProblem, y: Multipliers) -> _Proof:
     return _Proof(force, negative, gain, size, float(np.abs(weights).sum()))
 
 
-def _demanded(problem: DirectionProblem, lack: Violation) -> float:
-    """The largest of (b̂ᵢ)₊ and of |b̂ᵢ| on E."""
-    return largest(demand(lack.bound, problem.equality))
+def _checked(problem: DirectionProblem, d: Any) -> Vector:
+    """d, (n,); ValueError for another shape, and for a problem that shows no rows."""
+    require_problem(problem)
+    require_rows(problem)
+    row = np.asarray(problem.row_of(d))
+    require_shape("d", row, (problem.n,))
+    return row
 
 
 def _flatten(problem: DirectionProblem, d: Vector) -> tuple[DirectionProblem, Float[np.ndarray, "k"], float | None]:

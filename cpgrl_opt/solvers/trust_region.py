@@ -155,10 +155,12 @@ def _search(core: Core, small: SmallProblem) -> BallAnswer:
     """OPTIMAL, INFEASIBLE, or what the core says of its failure."""
     if not small.center.size:  # neither g nor a row
         return BallAnswer(small.center, small.bound, 0.0, 0.0)
-    asks = np.where(small.equality, small.bound != 0.0, small.bound > 0.0).any()
-    climbs = bool(small.center.any())
+    asked = float(demand(small.bound, small.equality).max(initial=0.0))
+    climbs, is_beyond = bool(small.center.any()), asked > 1.0 + _ROUNDING  # a row that no point of the ball meets
+    if is_beyond and (missed := _find_miss(core, small)) is not None:
+        return missed
     found = _climb(core, small, _FEW_STEPS) if climbs else _shortest(small)
-    if asks and (
+    if asked > 0.0 and (
         found.error > _EXACT or is_missed(small.bound, small.rows @ found.point - small.bound, small.equality)
     ):
         missed = _find_miss(core, small)
