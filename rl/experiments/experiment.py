@@ -83,9 +83,9 @@ class Experiment(ABC):
     """An experiment with its settings, the paper's (§3.1) unless given.
 
     runs, episodes N_K, steps N_T per episode (at most), seed, record_every (episodes between two records): whole
-    numbers. record: how many direction problems of each training to keep, 0 for none; compare: train what is compared
-    too. solver, formulation: names from SOLVERS and FORMULATIONS, for CPGRL. step_size α₁, restoration_rate αₑ,
-    average_rate α_r, trace_decay β. gradient, bias_correction: of the estimator; eq. 3 and 4 as printed.
+    numbers. record: how many direction problems of each training to keep, 0 for none. solver, formulation: names from
+    SOLVERS and FORMULATIONS, for CPGRL. step_size α₁, restoration_rate αₑ, average_rate α_r, trace_decay β. gradient,
+    bias_correction: of the estimator; eq. 3 and 4 as printed.
     Raises ValueError for bad numbers and unknown names.
     """
 

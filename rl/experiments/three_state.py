@@ -119,6 +119,7 @@ class ThreeStateExperiment(Experiment):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.estimator()
+        self.learner(self._conb(self.tolerance))
         require_count("compare_episodes", self.compare_episodes)
         for name in self.compare_formulations:
             if name not in FORMULATIONS:

@@ -259,15 +259,6 @@ def test_wrong_settings_are_told_the_right_ones(wrong, message):
         ArmExperiment(**wrong)
 
 
-def test_a_directory_of_an_earlier_run_keeps_only_what_is_not_ours(tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
-    for name in (*FILES, "notes.txt"):
-        (tmp_path / name).write_text("old", encoding="utf-8")
-    reproduce(ArmExperiment(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"learning.csv", "claims.json", "summary.json", "notes.txt"}
-
-
 def test_figures_of_ours_stand_alone_where_nothing_of_the_papers_was_trained(tmp_path, monkeypatch):
     monkeypatch.setattr("rl.experiments.arm_animation._FRAMES", 6)
     results = train_all(ArmExperiment(runs=1, episodes=3, conditions=["c-feasible"]), tmp_path)
