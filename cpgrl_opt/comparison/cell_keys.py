@@ -9,12 +9,13 @@ import json
 import re
 from collections.abc import Iterable
 from functools import cache
-from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from importlib.metadata import packages_distributions
 from typing import Any
 
 from ..solvers import SOLVERS, facts_of
 from .checkpoint import CellKey
 from .contestants import solver_of
+from .machine import version_of
 from .named_families import digests
 from .recording import SHIPPED, shipped_path
 from .sources import sources_of
@@ -44,7 +45,7 @@ def _solver(name: str) -> dict[str, Any]:
         distributions = packages_distributions() if sources.installed else {}
         facts["source"] = sources.digest
         packages |= {own for top in sources.installed for own in distributions.get(top, [top])}
-    facts["packages"] = {package: _version(package) for package in sorted(map(str, packages))}
+    facts["packages"] = {package: version_of(package) for package in sorted(map(str, packages))}
     return facts
 
 
@@ -65,13 +66,6 @@ def settings_of(solver: object) -> list[str]:
 def _ours() -> str:
     shipped = [hashlib.sha256(shipped_path(name).read_bytes()).hexdigest() for name in SHIPPED]
     return _word([sources_of(f"{__package__}.worker").digest, *shipped])
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "no version known"
 
 
 def _word(facts: object) -> str:

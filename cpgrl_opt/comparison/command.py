@@ -1,10 +1,8 @@
 """The body of `cpgrl compare`: what is asked for, run, written and said."""
 
-import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from shlex import quote
 
@@ -13,7 +11,7 @@ from .checkpoint import MEASUREMENTS, CellKey
 from .contestants import DEFAULT_SOLVER, installed
 from .families import FAMILIES
 from .folder_lock import locked_folder
-from .machine import machine
+from .machine import machine, versions
 from .measurement import Cell, Measurement, cells_of, write_cells
 from .named_families import families_asked, family_named
 from .runner import COMMON_PACKAGES, ComparisonSettings, Listen, open_checkpoint, run_comparison
@@ -123,7 +121,7 @@ def _compared(
 ) -> Comparison:
     from .report import ReportContext, write_report
 
-    found = versions(settings.solvers)
+    found = versions(dict.fromkeys((*COMMON_PACKAGES[1:], *map(_package, settings.solvers))))
     checkpoint = open_checkpoint(settings, folder, found, anew=anew)
     measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)
     cells = cells_of(measurements)
@@ -142,17 +140,6 @@ def _compared(
     reports = write_report(measurements, context, folder)
     files = checkpoint.path, folder / CELLS, *reports
     return Comparison(measurements, cells, absent, files, len(checkpoint.kept), checkpoint.stale)
-
-
-def versions(solvers: Sequence[str]) -> dict[str, str]:
-    """Versions of Python, of what everything uses, and of what these solvers stand on."""
-    found = {"python": platform.python_version()}
-    for package in dict.fromkeys((*COMMON_PACKAGES[1:], *map(_package, solvers))):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # a bare checkout, or someone's own module
-            found[package] = "no version known"
-    return found
 
 
 def _package(solver: str) -> str:

@@ -1,7 +1,9 @@
-"""What a result was made on, without a name of the one machine."""
+"""What a result was made on, without a name of the one machine, and with what."""
 
 import os
 import platform
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _CPUINFO = Path("/proc/cpuinfo")
@@ -15,6 +17,19 @@ def machine() -> dict[str, object]:
         "processor": _processor(),
         "cores": os.cpu_count() or 1,
     }
+
+
+def versions(packages: Iterable[str]) -> dict[str, str]:
+    """Of Python and of each package."""
+    return {"python": platform.python_version()} | {package: version_of(package) for package in packages}
+
+
+def version_of(package: str) -> str:
+    """The version of a package where it has one."""
+    try:
+        return version(package)
+    except PackageNotFoundError:  # an optional one, a bare checkout, someone's own module
+        return "no version known"
 
 
 def _processor() -> str:

@@ -6,7 +6,7 @@ It is there from the beginning of an experiment until its results are complete.
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from cpgrl_opt.comparison.machine import versions
 from cpgrl_opt.comparison.whole_file import whole_file
 
 from ..saved_state import read_state, write_state
-from .summary import versions
 
 FOLDER = ".cpgrl-checkpoint"  # a name that nobody else has: it is removed with all that is in it
 EVERY = 10.0  # s between two checkpoints of a training
@@ -31,17 +31,17 @@ class CheckpointError(ValueError):
     """A checkpoint that cannot be gone on from; says why, and what to do."""
 
 
-def experiment_key(experiment: str, settings: Any, *packages: str) -> dict[str, Any]:
+def experiment_key(experiment: str, settings: Any, packages: Iterable[str]) -> dict[str, Any]:
     """All that decides the results' bytes: only an experiment of the same key goes on from a checkpoint.
 
-    settings: a dataclass; packages: names of those that it stands on besides the usual ones.
+    settings: a dataclass; packages: names of those that it stands on.
     """
     digest = hashlib.sha256()
     for package in _PACKAGES:
         for folder in getattr(find_spec(package), "submodule_search_locations", None) or ():
             for source in sorted(Path(folder).rglob("*.py")):
                 digest.update(source.relative_to(folder).as_posix().encode() + b"\n" + source.read_bytes())
-    key = {"experiment": experiment, "settings": asdict(settings), "versions": versions(*packages)}
+    key = {"experiment": experiment, "settings": asdict(settings), "versions": versions(packages)}
     found: dict[str, Any] = json.loads(json.dumps({**key, "sources": digest.hexdigest()}))
     return found
 

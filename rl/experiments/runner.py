@@ -6,6 +6,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from cpgrl_opt.comparison.machine import versions
 from cpgrl_opt.solvers import solver_named
 
 from .checkpoints import EVERY, Checkpoints, experiment_key, holds, require_interval
@@ -19,7 +20,7 @@ from .results_directory import results_directory
 from .step_report import handing_over, in_words
 from .subproblems import FILE as SUBPROBLEMS
 from .subproblems import write_subproblems
-from .summary import versions, write_summary
+from .summary import PACKAGES, write_summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ def reproduce(
 
 def key_of(experiment: Experiment) -> dict[str, Any]:
     """By which a checkpoint is known to be of this experiment."""
-    return experiment_key(experiment.name, experiment, *_back_ends(experiment))
+    return experiment_key(experiment.name, experiment, (*PACKAGES, *_back_ends(experiment)))
 
 
 def draw(results: Results, directory: Path) -> None:
@@ -125,7 +126,7 @@ def summary(results: Results, seconds: Mapping[str, float], processes: int) -> d
         "experiment": settings.name,
         "settings": asdict(settings),
         "seeds": {"seed": settings.seed, "runs": "run i draws from SeedSequence(seed, spawn_key=(i,)).spawn(2)"},
-        "versions": versions(*_back_ends(settings)),
+        "versions": versions((*PACKAGES, *_back_ends(settings))),
         "wall_time": {name: round(value, 3) for name, value in seconds.items()},
         "processes": processes,
         "steps_per_cpu_second": round(speed(results, "cpu_seconds")),

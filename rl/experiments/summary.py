@@ -1,27 +1,14 @@
 """`summary.json`: with what a result was made, by what, on what, and how long it took."""
 
 import json
-import platform
 import sys
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from cpgrl_opt.comparison.machine import machine
 
-_PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "gymnasium", "matplotlib")
-
-
-def versions(*packages: str) -> dict[str, str]:
-    """Versions of Python, of what every experiment uses, and of these packages where they are installed."""
-    found = {"python": platform.python_version()}
-    for package in (*_PACKAGES, *packages):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # an optional one, or the project run from a bare checkout
-            found[package] = "not installed"
-    return found
+PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "gymnasium", "matplotlib")  # that every experiment stands on
 
 
 def write_summary(path: Path, steps_per_second: float, contents: Mapping[str, Any]) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from cpgrl_opt import FORMULATIONS, DirectionBatch, Linearization, ProblemBatch, Status
 from cpgrl_opt.arrays import Float, Int
-from cpgrl_opt.comparison.machine import machine
+from cpgrl_opt.comparison.machine import machine, versions
 from cpgrl_opt.solvers import SOLVERS, compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
 from cpgrl_opt.validation import require_count
@@ -40,7 +40,7 @@ from .experiment import Case, Experiment, Recorder, Results, option
 from .learning_curves import LearningCurves, spread
 from .mdp_figures import averages_figure, policies_figure
 from .messages import Outcome
-from .summary import versions
+from .summary import PACKAGES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -346,7 +346,7 @@ class ThreeStateExperiment(Experiment):
         return {
             "settings": asdict(self),
             "common_updates": self.common,
-            "versions": versions("qpsolvers", "osqp", "daqp"),
+            "versions": versions((*PACKAGES, "qpsolvers", "osqp", "daqp")),
             "machine": machine(),
             "cases": [self._detail(case, outcomes[case.label]) for case in self.compared],
         }
