@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cpgrl_opt.comparison import cell_keys as keys_module
+from cpgrl_opt.comparison import machine
 from cpgrl_opt.comparison.cell_keys import cell_keys, settings_of
 from cpgrl_opt.comparison.command import Request, run_command
 from cpgrl_opt.comparison.measurement import Measurement, read_measurements, write_measurements
@@ -131,9 +132,9 @@ CELLS = [("active-set", "prepared", "zero-rows"), ("osqp", "prepared", "zero-row
 def test_the_version_of_a_package_is_in_the_keys_of_its_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
     before = cell_keys(CELLS)
     assert cell_keys(CELLS) == before
-    monkeypatch.setattr(keys_module, "version", lambda package: "7" if package == "osqp" else "1")
+    monkeypatch.setattr(machine, "version", lambda package: "7" if package == "osqp" else "1")
     one = cell_keys(CELLS)
-    monkeypatch.setattr(keys_module, "version", lambda package: "8" if package == "osqp" else "1")
+    monkeypatch.setattr(machine, "version", lambda package: "8" if package == "osqp" else "1")
     assert [one[cell] == key for cell, key in cell_keys(CELLS).items()] == [True, False, False]
 
 
