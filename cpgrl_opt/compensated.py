@@ -40,15 +40,27 @@ class Pair(NamedTuple):
     def over(self, other: "Pair") -> "Pair":
         """The quotient: of the high parts, corrected once by what it leaves."""
         quotient = self.hi / other.hi
-        rest = self.plus(Pair(-other.hi, -other.lo).times(quotient))
+        rest = self.plus(other.negated().times(quotient))
         return _normalised(quotient, rest.rounded() / other.hi)
 
     def root(self) -> "Pair":
         """√, of numbers > 0: Newton's method, once."""
         first = np.sqrt(self.hi)
         square, error = two_product(first, first)
-        rest = self.plus(Pair(-square, -error))
+        rest = self.plus(Pair(square, error).negated())
         return _normalised(first, rest.rounded() / (2.0 * first))
+
+    def negated(self) -> "Pair":
+        """The other sign."""
+        return Pair(-self.hi, -self.lo)
+
+    def at(self, *index: Any) -> "Pair":
+        """Some entries."""
+        return Pair(self.hi[index], self.lo[index])
+
+    def put(self, index: Any, found: "Pair", factor: Any = 1.0) -> None:
+        """These entries ← what was found, times the factor; exact where that is a power of two."""
+        self.hi[index], self.lo[index] = found.hi * factor, found.lo * factor
 
     def sums(self) -> "Pair":
         """Of each row, (k, n) → (k,); two halves of it added up at a time."""
@@ -86,10 +98,8 @@ def product_error(product: Any, a_high: Any, a_low: Any, b_high: Any, b_low: Any
     return a_low * b_low - (((product - a_high * b_high) - a_low * b_high) - a_high * b_low)
 
 
-def two_product(
-    a: Float[np.ndarray, "*k"], b: float | Float[np.ndarray, "*k"]
-) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
-    """(p, e) with ab = p + e exactly."""
+def two_product(a: Any, b: Any) -> Any:
+    """(p, e) with ab = p + e exactly; numbers or arrays."""
     product = a * b
     return product, product_error(product, *split(a), *split(b))
 

@@ -15,7 +15,6 @@ Source: Golub & Van Loan, Matrix Computations, §4.2 and §5.3; with pivoting: H
 """
 
 from dataclasses import dataclass
-from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -48,15 +47,8 @@ _LEAST, _MOST = 1e-280, 1e280
 GATES = np.array([_LEAST, _MOST, _APART, _OUT_OF_SPAN])  # of rung 1, for compiled code
 
 
-def _silent(function: Any) -> Any:
-    """What leaves float64 on the way is found at the end: no warning, whatever the caller's `np.errstate`."""
-
-    @wraps(function)
-    def silenced(*arguments: Any, **named: Any) -> Any:
-        with np.errstate(all="ignore"):
-            return function(*arguments, **named)
-
-    return silenced
+# What leaves float64 on the way is found at the end: no warning, whatever the caller's `np.errstate`.
+_silent = np.errstate(all="ignore")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +80,9 @@ class Coordinates:
             weights.hi[self.basis] = np.linalg.solve(L.T, x[:rank] - a * self.gradient[:rank]) / self.scales[self.basis]
             weights.hi[0] = a
             return weights
-        own = _entries(self.factor, 0, slice(rank)).times(self.scales[0])
-        rest = Pair(x[:rank], np.zeros(rank)).plus(own.times(-a))
-        w = _solve_transposed(_entries(self.factor, self.basis, slice(rank)), rest)
-        for part, found in zip(weights, w, strict=True):
-            part[self.basis] = found / self.scales[self.basis]
+        own = self.factor.at(0, slice(rank)).times(self.scales[0])
+        w = _solve_transposed(self.factor.at(self.basis, slice(rank)), _pair(x[:rank]).plus(own.times(-a)))
+        weights.put(self.basis, w, 1.0 / self.scales[self.basis])
         weights.hi[0] = a
         return weights
 
@@ -108,14 +98,13 @@ class Coordinates:
             return weights
         U, S, _ = np.linalg.svd(self.factor.rounded()[named], full_matrices=False)
         U, S = U[:, S > _DEPENDENT], S[S > _DEPENDENT]
-        K, scales, unit = _entries(self.gramian, *np.ix_(named, named)), self.scales[named], self.scales[0]
-        target = _pair(bound[named - 1] / scales / unit).plus(_entries(self.gramian, named, 0).times(-1.0))
+        K, scales, unit = self.gramian.at(*np.ix_(named, named)), self.scales[named], self.scales[0]
+        target = _pair(bound[named - 1] / scales / unit).plus(self.gramian.at(named, 0).times(-1.0))
         w = _pair(multipliers[named - 1] * (scales / unit))
         for _ in range(3):
-            left = target.plus(K.times_pair(Pair(-w.hi, -w.lo)).sums()).rounded()
+            left = target.plus(K.times_pair(w.negated()).sums()).rounded()
             w = w.plus(_pair(U @ (U.T @ left / S / S)))
-        for part, found in zip(weights, w, strict=True):
-            part[named] = found * (unit / scales)
+        weights.put(named, w, unit / scales)
         return weights
 
     @_silent
@@ -206,25 +195,20 @@ def _factor_in_pairs(K: Pair, lengths: np.ndarray, clear: float, least: float) -
 
 def _eliminate(K: Pair, row: int, factor: Pair, k: int) -> Pair:
     """Column k of L from the row of K, and what it leaves of K."""
-    column = _entries(K, slice(None), row).over(_entries(K, row, row).root())
-    factor.hi[:, k], factor.lo[:, k] = column
-    across, down = (Pair(*(part[index] for part in column)) for index in (np.s_[None, :], np.s_[:, None]))
-    return K.plus(down.times_pair(Pair(-across.hi, -across.lo)))
+    column = K.at(slice(None), row).over(K.at(row, row).root())
+    factor.put((slice(None), k), column)
+    across, down = column.at(None), column.at(slice(None), None)
+    return K.plus(down.times_pair(across.negated()))
 
 
 def _solve_transposed(L: Pair, x: Pair) -> Pair:
     """L⁻ᵀx by back substitution."""
     w = Pair(x.hi.copy(), x.lo.copy())
     for j in range(len(w.hi) - 1, -1, -1):
-        found = _entries(w, j).over(_entries(L, j, j))
-        w.hi[j], w.lo[j] = found
-        across = _entries(L, j, slice(j)).times_pair(Pair(-found.hi, -found.lo))
-        w.hi[:j], w.lo[:j] = _entries(w, slice(j)).plus(across)
+        found = w.at(j).over(L.at(j, j))
+        w.put(j, found)
+        w.put(slice(j), w.at(slice(j)).plus(L.at(j, slice(j)).times_pair(found.negated())))
     return w
-
-
-def _entries(pair: Pair, *index: Any) -> Pair:
-    return Pair(pair.hi[index], pair.lo[index])
 
 
 def _pair(hi: np.ndarray) -> Pair:

@@ -13,20 +13,11 @@ from numba.extending import intrinsic, overload
 from ..compensated import product_error, split, two_sum
 from ._bfloat16 import narrow, widen
 
-
-def _reordered(function: Any) -> Any:
-    """Compiled with sums in any order, which makes them vector operations; NaN and infinity stay what they are."""
-    return njit(fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")(function)
-
-
-def plain(function: Any) -> Any:
-    """Compiled as it stands."""
-    return njit(error_model="numpy")(function)
-
-
-_split, _product_error, _two_sum, _widen, _narrow = map(
-    njit(error_model="numpy", forceinline=True), (split, product_error, two_sum, widen, narrow)
-)
+# Sums in any order, which makes them vector operations; NaN and infinity stay what they are.
+_reordered = njit(fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+plain = njit(error_model="numpy")
+_helper = njit(error_model="numpy", forceinline=True)
+_split, _product_error, _two_sum, _widen, _narrow = map(_helper, (split, product_error, two_sum, widen, narrow))
 
 
 def numbers_at(address: int, count: int, like: Any) -> Any:
