@@ -151,7 +151,7 @@ def require_the_same(kind: str, problem: DirectionProblem) -> None:
     if problem.metric is not None and kind not in WITHOUT_ROWS:
         rest["metric"] = problem.metric
     else:
-        V = np.hstack([V, np.zeros((len(V), max(0, 4 * len(V) + 1 - V.shape[1])))])
+        V = np.hstack([V, np.zeros((len(V), max(0, 65 - V.shape[1], 4 * len(V) + 1 - V.shape[1])))])
     if not np.isfinite(V).all():
         return
     expected = solve(DirectionProblem(V[0], V[1:], **rest))
