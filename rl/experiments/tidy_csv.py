@@ -40,6 +40,7 @@ class TidyCsv:
     def __enter__(self) -> Self:
         self._file = self.path.open("w", encoding="utf-8", newline="")
         self._file.write(self.header)
+        self._file.flush()  # killed before the first row, it is a table of none
         return self
 
     def __exit__(

@@ -12,6 +12,7 @@ COLUMNS = ["method", "run", "episode", "value"]
 def test_rows_are_on_disk_before_the_file_is_closed(tmp_path):
     path = tmp_path / "learning.csv"
     with TidyCsv(path, COLUMNS, ["a"]) as table:
+        assert path.read_text(encoding="utf-8") == "method,run,episode,value\n"
         table.append([("a", 0, 0, 0.5)])
         assert path.read_text(encoding="utf-8") == "method,run,episode,value\na,0,0,0.5\n"
 
