@@ -32,8 +32,8 @@ MUTATIONS = {
     ),
     "the projected gradient keeps a transposed part": Mutation(
         "cpgrl_opt/projection.py",
-        "self.right @ (self.right.T @ vector)",
-        "self.right[:, ::-1] @ (self.right.T @ vector)",
+        "g = g - V @ (V.T @ g)",
+        "g = g - V[:, ::-1] @ (V.T @ g)",
         "cpgrl_opt/test_projection.py",
     ),
     "the compiled projection turns away from the rows": Mutation(
