@@ -84,4 +84,5 @@ def feature_vector(features: Float[np.ndarray, "k"], size: int) -> Float[np.ndar
 
 
 def _real(features: Any) -> Float[np.ndarray, "k"]:
-    return real_values("what the policy's features return", features)
+    given: Any = np.asarray(features, np.float64) if np.asarray(features).dtype == np.bool_ else features  # indicators
+    return real_values("what the policy's features return", given)

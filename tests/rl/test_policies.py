@@ -155,8 +155,9 @@ def test_features_that_are_no_numbers_are_refused(found) -> None:
     for policy in (LinearSoftmax(lambda _: found, 2, 2), LinearGaussian(lambda _: found, 2, 2)):
         with pytest.raises(ValueError, match="what the policy's features return should be an array of real numbers"):
             policy.sample(0, np.random.default_rng(0))
-    for policy in (LinearSoftmax(lambda _: [1, True], 2, 2), LinearGaussian(lambda _: [1, True], 2, 2)):
-        assert policy.score(0, 0).shape == (4,)  # lists, integers and truth values are numbers
+    for found in ([1, True], np.array([False, True])):  # lists, integers and truth values are numbers
+        for policy in (LinearSoftmax(lambda _, f=found: f, 2, 2), LinearGaussian(lambda _, f=found: f, 2, 2)):
+            assert policy.score(0, 0).shape == (4,)
 
 
 def test_sizes_and_deviations_that_make_no_sense_are_refused() -> None:
