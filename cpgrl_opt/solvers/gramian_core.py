@@ -15,7 +15,7 @@ from .compiled._gramian_core import judge, weigh
 
 def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
-    m, vectors, report = problem.m, problem.vectors, np.empty(4)
+    m, vectors, report = len(problem.bound), problem.vectors, np.empty(4)
     K, work, index, weights = vectors.gramian(), np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
     weigh.run(K, problem.bound, problem.equality, GATES, work, index, weights, report)
     changes = int(report[0])
