@@ -131,16 +131,25 @@ class StepRun:
         return replace(answers, residuals=residuals)
 
     def contradict(self, problems: ProblemBatch, answers: DirectionBatch, runs: np.ndarray) -> DirectionBatch:
-        """INFEASIBLE where rows and bounds are so by themselves, which a metric may hide; d violates as little in M."""
+        """INFEASIBLE where rows and bounds are so by themselves, which a metric may hide; d violates as little in M.
+
+        And skipped where they are so in the coordinates alone of a metric that is known by its products.
+        """
         slack = np.vecdot(problems.jacobian, answers.value[:, None]) - problems.bound
         answers = answers.owned()
-        for k in np.flatnonzero(answers.status == Status.OPTIMAL).tolist():
+        is_rough = callable(self.settings.metric) and problems.radius is None
+        for k in np.flatnonzero(answers.status <= (Status.INFEASIBLE if is_rough else Status.OPTIMAL)).tolist():
             J, bound, equality = self.given[runs[k]], problems.bound[k], problems.equality[k]  # type: ignore[index]
             unit = unit_rows(J)
-            if is_missed(unit.per_length(bound), unit.per_length(slack[k]), equality):
+            is_doubted = answers.status[k] == Status.INFEASIBLE
+            if is_doubted or is_missed(unit.per_length(bound), unit.per_length(slack[k]), equality):
                 proof = infeasible_direction(DirectionProblem.trusted(np.zeros(J.shape[1]), J, bound, equality))
                 if proof is not None:
                     answers.status[k], answers.multipliers[k] = Status.INFEASIBLE, proof.multipliers
+                elif is_doubted and self.settings.on_failure == "raise":
+                    raise DirectionError(str(Status.UNCERTIFIED))
+                elif is_doubted:
+                    answers.status[k], self.counts["skipped"][runs[k]] = Status.UNCERTIFIED, 1
         return answers
 
     def hand_on(self, problems: ProblemBatch, answers: DirectionBatch, runs: np.ndarray) -> DirectionBatch:

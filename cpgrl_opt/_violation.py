@@ -5,7 +5,9 @@ Source: Farkas' lemma; Boyd & Vandenberghe, Convex Optimization, §5.8; Hoffman 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +32,10 @@ _LEAST = 1e-9
 # With 10 rows that nearly oppose each other, and are met a little farther than the claim goes, would be; with 1000 a
 # proof to √ε of a d that is 1e3 times max|b̂| long would not do for ε = 1e-9.
 _FAR = 100.0
+# In a ball d is as long as it is wide, whatever the constraints ask for: there this many times the bounds that the proof
+# names are far. With 1e10 rows 1e-10 rad from opposing, which are met at 1e10, would be; with 1e14 what rounding leaves
+# of a proof, 1e-16 a row, would not do.
+_BEYOND = 1e12
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
 _ROUNDED_GAIN = 8 * float(np.finfo(np.float64).eps)
 
@@ -153,7 +159,9 @@ def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> boo
     flat, size, radius = _flatten(problem, problem.row_of(d))
     proof, length = _read(problem, y)[0], norm(size)
     reach = proof.size / proof.residual if proof.residual > 0.0 else math.inf
-    return reach >= (_FAR * max(length, norm(flat.gradient)) if radius is None else min(radius, _FAR * length))
+    if radius is None:
+        return reach >= _FAR * max(length, norm(flat.gradient))
+    return reach >= min(radius, _FAR * length, _BEYOND * proof.size)
 
 
 class _Proof(NamedTuple):
@@ -179,11 +187,20 @@ def _read(problem: DirectionProblem, y: Multipliers) -> tuple[_Proof, float | No
         flat = flatten(problem)
         if flat.failure is not None:
             return _Proof(), None
+        if callable(problem.metric):  # rows that depend to its tolerance are one in its coordinates, and prove nothing
+            return _read_rows(flat.problem, y, partial(_pull, problem)), problem.radius
         problem, y = flat.problem, flat.proof(y)
     return _read_rows(problem, y), problem.radius
 
 
-def _read_rows(problem: DirectionProblem, y: Multipliers) -> _Proof:
+def _pull(problem: DirectionProblem, y: Multipliers) -> float:
+    """√(vᵀM⁻¹v) of v = Jᵀy, by M⁻¹ itself; infinite where that is not reached."""
+    force = y @ problem.jacobian
+    moved, is_reached = problem.whitening.solve(force)
+    return math.sqrt(max(float(force @ moved), 0.0)) if is_reached else math.inf
+
+
+def _read_rows(problem: DirectionProblem, y: Multipliers, pull: Callable[[Multipliers], float] | None = None) -> _Proof:
     if not (np.isfinite(problem.jacobian).all() and (problem.bound < np.inf).all()):
         return _Proof()
     rows, inequality = unit_rows(problem.jacobian), ~problem.equality
@@ -199,7 +216,8 @@ def _read_rows(problem: DirectionProblem, y: Multipliers) -> _Proof:
     bound = np.where(is_on, rows.per_length(problem.bound), 0.0)
     size = float(np.abs(bound[weights != 0]).max())
     gain = float((bound / size) @ weights) if size > 0 else 0.0
-    force, negative = norm(weights @ rows.jacobian), largest(-weights[inequality])
+    force = norm(weights @ rows.jacobian) if pull is None else pull(rows.per_length(weights))
+    negative = largest(-weights[inequality])
     return _Proof(force, negative, gain, size, float(np.abs(weights).sum()))
 
 

@@ -60,6 +60,7 @@ from .validation import real_values, require_shape
 from .vectors import Certificate
 
 __all__ = [
+    "FARKAS_TOLERANCE",
     "HasValueAndMultipliers",
     "KKTResiduals",
     "certified_residuals",

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..certify import certify, misses_a_bound
+from ..certify import FARKAS_TOLERANCE, certify, farkas_residual, misses_a_bound
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
 from ..problem import DirectionProblem, ProblemBatch, convert_answer, nothing
@@ -157,7 +157,19 @@ def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolera
     is_ours = answer.residuals is not None or answer.status == Status.INFEASIBLE or problem.radius is not None
     if found.status == Status.UNCERTIFIED and is_ours and problem.metric is not None and misses_a_bound(problem, value):
         found = _contradict(problem, found, tolerance)
+    if found.status == Status.INFEASIBLE and callable(problem.metric) and not _is_beyond_doubt(problem, found):
+        found = replace(found, status=Status.UNCERTIFIED)
     return convert_answer(problem, found) if problem.is_tree else found
+
+
+def _is_beyond_doubt(problem: DirectionProblem, found: Direction) -> bool:
+    """Whether J and b are infeasible as they are, or bᵀy > radius ‖Jᵀy‖_M⁻¹ by M⁻¹ itself.
+
+    Rows that depend to the tolerance of M⁻¹ by products seem to contradict each other in its coordinates.
+    """
+    if infeasible_direction(problem) is not None:
+        return True
+    return problem.radius is not None and farkas_residual(problem, found.multipliers) <= FARKAS_TOLERANCE
 
 
 def _contradict(problem: DirectionProblem, found: Direction, tolerance: float) -> Direction:

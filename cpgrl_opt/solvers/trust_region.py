@@ -89,7 +89,8 @@ def climb_on_face(small: SmallProblem, radius: float, face: Bool[np.ndarray, "m"
     if answers.status.any():  # OPTIMAL is 0
         return []
     (q, p), (beta, gamma) = answers.value, answers.multipliers
-    length, strength, shortest = math.sqrt(p @ p), math.sqrt(g @ g), math.sqrt(q @ q)
+    with np.errstate(over="ignore"):  # what is asked for beyond 1e154 is beyond any ball
+        length, strength, shortest = math.sqrt(p @ p), math.sqrt(g @ g), math.sqrt(q @ q)
     if length > _NEGLIGIBLE * strength and shortest < radius:
         kappa = length / math.sqrt((radius - shortest) * (radius + shortest))
         found.append((q + p / kappa, face, kappa * beta + gamma, kappa))

@@ -7,6 +7,7 @@ from cpgrl_opt import (
     SOLVERS,
     ConstrainedStep,
     Direction,
+    DirectionError,
     DirectionProblem,
     Linearization,
     Status,
@@ -93,3 +94,37 @@ def test_whether_integers_contradict_each_other_no_metric_and_no_ball_changes(se
         for radius in (None, 1e9, 1e15):
             answer = solve(DirectionProblem(rng.normal(size=3), J, bound, metric=metric, radius=radius))
             assert answer.status == (Status.INFEASIBLE if seed % 2 else Status.OPTIMAL), (J, bound, M, radius)
+
+
+PLANE = np.array([[2.0, 1.0], [1.0, 2.0]])
+
+
+@pytest.mark.parametrize(("tilt", "tolerance"), [(1e-6, 1e-12), (1e-3, 1e-8), (0.1, 1e-3)])
+@pytest.mark.parametrize("radius", [None, 1e3])
+def test_what_is_rounded_in_a_metrics_coordinates_is_no_contradiction(
+    tilt: float, tolerance: float, radius: float | None
+) -> None:
+    rows, bound = [[-tilt, -1.0], [0.0, 1.0]], [1.0, -1.0]  # met by (0, -1)
+    problem = DirectionProblem(
+        [0.0, 0.0], rows, bound, metric=PLANE.__matmul__, metric_tolerance=tolerance, radius=radius
+    )
+    answer = solve(problem)
+    assert answer.status in (Status.OPTIMAL, Status.UNCERTIFIED)
+    if radius is None:
+        assert farkas_residual(problem, [1.0, 1.0]) >= tilt / 10
+
+
+def test_nor_is_it_in_a_step() -> None:
+    given = Linearization([0.0, -1.0, 0.0], [[0.0, 0.0], [1e-6, -1.0], [0.0, 1.0]])
+    settings = {"formulation": "restoring", "step_size": 1.0, "restoration_rate": 1.0, "metric": PLANE.__matmul__}
+    result = ConstrainedStep(**settings)(given, [0.0, 0.0])
+    assert (result.counts["infeasible"], result.counts["skipped"]) == (0, 1)
+    with pytest.raises(DirectionError):
+        ConstrainedStep(**settings, on_failure="raise")(given, [0.0, 0.0])
+
+
+@pytest.mark.parametrize("radius", [None, 1e6, 1e10, 1e14, 1e20])
+def test_a_huge_ball_hides_no_contradiction(radius: float | None) -> None:
+    rows = [[-155.0, 48.5], [155.0, -48.5]]
+    answer = solve(DirectionProblem([0.3, 1.3], rows, [0.001, 0.0], radius=radius))
+    assert answer.status == Status.INFEASIBLE
