@@ -111,7 +111,7 @@ def test_what_is_rounded_in_a_metrics_coordinates_is_no_contradiction(
     answer = solve(problem)
     assert answer.status in (Status.OPTIMAL, Status.UNCERTIFIED)
     if radius is None:
-        assert farkas_residual(problem, [1.0, 1.0]) >= tilt / 10
+        assert farkas_residual(problem, np.ones(2)) >= tilt / 10
 
 
 def test_nor_is_it_in_a_step() -> None:
