@@ -100,7 +100,7 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
         shape = len(rows), len(rows[0])
     else:
         return None
-    if len(shape) != 2 or shape[1] <= 64 or not is_long(*shape):  # in so few parameters no problem is
+    if len(shape) != 2 or not is_long(*shape):
         return None
     rows = tuple(map(read_only, rows)) if isinstance(rows, tuple) else real_view("jacobian", rows, 2)
     view = ArrayVectors(real_view("gradient", gradient, 1), rows)

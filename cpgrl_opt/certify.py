@@ -164,8 +164,6 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     Free of the scale of g, of J and of each row. Raises ValueError when value or multipliers have a wrong shape.
     """
     require_problem(problem)
-    if not isinstance(direction, HasValueAndMultipliers):
-        raise ValueError(f"direction should have value and multipliers; found {direction!r}")
     if problem.is_tree:
         mu, kappa = problem.vectors.agree(partial(_forces_of, problem, direction))
     else:
@@ -176,6 +174,8 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
 
 def _forces_of(problem: DirectionProblem, direction: HasValueAndMultipliers) -> tuple[Multipliers, float]:
     """(μ, κ)."""
+    if not isinstance(direction, HasValueAndMultipliers):
+        raise ValueError(f"direction should have value and multipliers; found {direction!r}")
     mu = real_values("direction.multipliers", direction.multipliers)
     require_shape("direction.multipliers", mu, (problem.m,))
     return mu, float(getattr(direction, "radius_multiplier", 0.0))

@@ -160,6 +160,11 @@ class DirectionProblem(Arrays):
         """Whether d in the form of g is finite: float32 ends at 3e38."""
         return not self.is_tree or self.vectors.is_representable(direction)
 
+    def __copy__(self) -> "DirectionProblem":
+        made, arguments = self.__reduce__()
+        problem: DirectionProblem = made(*arguments) if self.is_tree else self.copied()
+        return problem
+
     def copied(self) -> "DirectionProblem":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
         require_rows(self)
@@ -172,9 +177,15 @@ class DirectionProblem(Arrays):
     @property
     def vectors(self) -> Any:  # Vectors, of arrays LeafVectors
         """g and the rows, as the reduction to their span looks at them; keeps their inner products."""
-        if "_vectors" not in vars(self):
-            vars(self)["_vectors"] = ArrayVectors(self.gradient, self.jacobian)
-        return vars(self)["_vectors"]
+        known = vars(self).get("_vectors")
+        if known is None or (isinstance(known, ArrayVectors) and not self._is_of(known)):
+            known = vars(self)["_vectors"] = ArrayVectors(self.gradient, self.jacobian)
+        return known
+
+    def _is_of(self, vectors: ArrayVectors) -> bool:
+        """Whether nobody has put other arrays in their place."""
+        rows = vars(self).get("jacobian", vectors.jacobian)  # not there: rows apart
+        return vectors.gradient is self.gradient and (vectors.jacobian is rows or isinstance(vectors.jacobian, tuple))
 
     @property
     def n(self) -> int:

@@ -84,20 +84,20 @@ class ConstrainedStep(StepSettings):
         """
         if not isinstance(linearization, Linearization):
             raise ValueError(f"linearization should be a Linearization; found {linearization!r}")
-        if observe is not None and not callable(observe):
-            raise ValueError(f"observe should be a function (problems, answers) or None; found {observe!r}")
         if linearization.is_tree:
-            look = partial(self._slack_and_active, linearization, thresholds, previous)
+            look = partial(self._slack_and_active, linearization, thresholds, previous, observe)
             slack, active = linearization.vectors[0].agree(look)
         else:
-            slack, active = self._slack_and_active(linearization, thresholds, previous)
+            slack, active = self._slack_and_active(linearization, thresholds, previous, observe)
         if self.metric is None and not linearization.is_tree and not linearization.is_long:
             return self._on_rows(linearization.gradients, slack, active, observe)
         return self._in_coordinates(linearization, slack, active, observe)
 
     def _slack_and_active(
-        self, linearization: Linearization, thresholds: ArrayLike, previous: ArrayLike | None
+        self, linearization: Linearization, thresholds: ArrayLike, previous: ArrayLike | None, observe: Any
     ) -> tuple[np.ndarray, np.ndarray]:
+        if observe is not None and not callable(observe):
+            raise ValueError(f"observe should be a function (problems, answers) or None; found {observe!r}")
         limits = real_values("thresholds", thresholds)
         require_shape("thresholds", limits, (linearization.values.shape[-1] - 1,))
         slack = linearization.slack(limits)

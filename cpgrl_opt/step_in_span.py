@@ -30,15 +30,17 @@ def step_in_span(
     on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
 ) -> StepResult:
     """By the first rung that is exact enough, else on the rows, if there are any; `observe` sees what it is made of."""
-    result: StepResult = vectors.attempt(partial(_step_in_span, on_rows, vectors, slack, active, step_size, observe))
+    seen: list[tuple[ProblemBatch, DirectionBatch]] = []
+    see = None if observe is None else lambda *pair: seen.append(pair)
+    result: StepResult = vectors.attempt(partial(_step_in_span, on_rows, vectors, slack, active, step_size, seen, see))
+    for pair in seen:  # after the last message, since what an observer raises is of its own process alone
+        observe(*pair)
     return result
 
 
 def _step_in_span(
-    on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, observe: Any
+    on_rows: OnRows, vectors: Any, slack: np.ndarray, active: np.ndarray, step_size: float, seen: list[Any], see: Any
 ) -> StepResult:
-    seen: list[tuple[ProblemBatch, DirectionBatch]] = []
-    see = None if observe is None else lambda *pair: seen.append(pair)
     for rung in RUNGS:
         small = coordinates(vectors, active, rung, clear=_CLEAR_ROWS)
         if small is None:
@@ -53,13 +55,12 @@ def _step_in_span(
         change, certificate = vectors.combine(small.weights(result.change), np.zeros(len(slack)))
         unit = float(lengths(result.change)) + step_size * float(small.lengths[0])
         if small.holds(result.change, certificate, unit):
-            for pair in seen:
-                observe(*pair)
             # Of rows that are off the coordinates know nothing.
             return replace(result, change=change, predicted_slack=slack + certificate.products)
     if not vectors.has_rows:
         raise DirectionError(str(Status.UNCERTIFIED))
-    result = on_rows(np.vstack([vectors.whole_gradient(), vectors.whole_jacobian()]), slack, active, observe)
+    seen.clear()
+    result = on_rows(np.vstack([vectors.whole_gradient(), vectors.whole_jacobian()]), slack, active, see)
     return replace(result, change=vectors.from_row(result.change))
 
 

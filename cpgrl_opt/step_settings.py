@@ -20,6 +20,7 @@ from .settings import CheckedSettings
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, find_solver, tolerance_of
 from .validation import real_values, require_member, require_nonnegative, require_positive
 from .vectors import is_long, kind_of
+from .vectors._structure import mapped
 from .vectors._trees import is_tree
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
@@ -76,7 +77,8 @@ class StepSettings(CheckedSettings):
         else:
             metric, whitening = check_metric(metric, len(np.atleast_1d(real_values("metric", metric))))
             vars(self).update(metric=metric)
-        vars(self).update(_whitening=whitening, _metric_bytes=metric.tobytes())
+        form = repr(mapped(np.shape, self.metric) if self.metric_is_tree else metric.shape).encode()
+        vars(self).update(_whitening=whitening, _metric_bytes=form + metric.tobytes())
 
     @property
     def metric_is_tree(self) -> bool:
@@ -115,7 +117,9 @@ class StepSettings(CheckedSettings):
     def _check_formulation(self) -> None:
         of, known = FORMULATIONS[self.formulation], f"with formulation {self.formulation!r}"
         restoration, step = float(self.restoration_rate), float(self.step_size)  # type: ignore[arg-type]
-        if of.restores_inside and (step == 0 or restoration / step == np.inf):
+        if of.restores_inside and step == 0:
+            raise ValueError(f"step_size should be > 0 {known}, which divides by it; found 0")
+        if of.restores_inside and restoration / step == np.inf:
             raise ValueError(f"restoration_rate / step_size should be finite {known}; found {restoration} / {step}")
         if of.takes_all and self.ridge > 0:
             raise ValueError(f"ridge should be 0 {known}, whose bounds it would soften; found {self.ridge!r}")

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch
+from ..problem import DirectionProblem, ProblemBatch, require_problem
 from .base import SmallSolver
 from .interrupts import run_alone
 from .library_calls import failure_named
@@ -70,7 +70,7 @@ class OSQPSession(SmallSolver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; ValueError unless the problem has the session's shape."""
-        m, n = problem.m, problem.n
+        m, n = require_problem(problem).m, problem.n
         if (m, n) != (self.m, self.n):
             raise ValueError(
                 f"problem should have m = {self.m} and n = {self.n} as its session; found m = {m}, n = {n}"

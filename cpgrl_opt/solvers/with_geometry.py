@@ -5,7 +5,7 @@ from functools import partial
 
 from ..certify import certify
 from ..direction import Direction, DirectionBatch
-from ..problem import DirectionProblem, ProblemBatch, convert_answer, without_geometry
+from ..problem import DirectionProblem, ProblemBatch, convert_answer, require_problem, without_geometry
 from .base import Solver
 from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
@@ -40,6 +40,7 @@ class WithGeometry(Solver):
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The direction of the problem where M = I, judged on the problem itself; see `Status`."""
+        require_problem(problem)
         if problem.metric is not None or problem.radius is not None:
             return solve_in_geometry(self, problem)
         return self.solve_rows(problem)

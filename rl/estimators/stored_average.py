@@ -1,7 +1,7 @@
 """Average rewards that outlive an episode (§2.4)."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -116,7 +116,8 @@ def sum_of_weights(rate: float, count: int) -> float:
 
 def kinds_of_average(average: str | Sequence[str]) -> str | tuple[str, ...]:
     """The kind, or the kinds of all channels; ValueError for anything else."""
-    kinds = (average,) if isinstance(average, str) or not isinstance(average, Sequence) else tuple(average)
+    is_several = isinstance(average, Sequence | np.ndarray) and not isinstance(average, str)
+    kinds: tuple[Any, ...] = tuple(average) if is_several else (average,)
     for kind in kinds:
         if not isinstance(kind, str) or kind not in AVERAGES:
             raise ValueError(f"average should be one of {', '.join(AVERAGES)}, or one for each channel; found {kind!r}")

@@ -50,7 +50,7 @@ def train(
     MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError.
     """
     cases = experiment.cases()
-    for solver in {case.solver for case in cases if case.solver}:
+    for solver in dict.fromkeys(case.solver for case in cases if case.solver):
         require_packages(solver_named(solver))  # before a training rather than in its middle
     parts = parts_for(experiment, processes) if checkpoints is None else checkpoints.parts
     with Records(experiment, directory) as records:

@@ -326,7 +326,7 @@ def test_an_observer_sees_every_subproblem_with_its_answer():
         ({"step_size": -1.0}, "step_size should be a number ≥ 0; found -1.0"),
         ({"ridge": np.nan}, "ridge should be a number ≥ 0; found nan"),
         ({"max_restoration": -1.0}, "max_restoration should be a number ≥ 0; found -1.0"),
-        ({"formulation": "restoring", "step_size": 0.0}, "restoration_rate / step_size should be finite"),
+        ({"formulation": "restoring", "step_size": 0.0}, "step_size should be > 0"),
     ],
 )
 def test_wrong_settings_are_refused_with_the_right_names(settings, message):

@@ -307,7 +307,7 @@ def test_the_limit_is_that_of_violated_rows_without_the_others():
         ({"ridge": 0.1}, "ridge should be 0 with formulation 'linearized'"),
         ({"rule": "hysteresis"}, "rule should be the default with formulation 'linearized'"),
         ({"rule": hysteresis}, "rule should be the default"),
-        ({"step_size": 0.0}, "restoration_rate / step_size should be finite with formulation 'linearized'"),
+        ({"step_size": 0.0}, "step_size should be > 0 with formulation 'linearized'"),
         ({"slack_fraction": 1.5}, r"slack_fraction should be a number in \[0, 1\]; found 1.5"),
         ({"slack_fraction": -0.1}, "slack_fraction should be a number ≥ 0"),
         ({"slack_fraction": np.nan}, "slack_fraction should be a number ≥ 0"),
