@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 MEASURED = Path(__file__).parent / "measured"  # benchmarks/results, as pages of the site; git knows nothing of it
 sys.path.insert(0, str(ROOT))
 
-project, author, copyright = "cpgrl-opt", "the founders of cpgrl-opt", "the founders of cpgrl-opt"  # noqa: A001
+project, author, copyright = "cpgrl-opt", "The cpgrl-opt developers", "The cpgrl-opt developers"  # noqa: A001
 version = release = installed_version("cpgrl-opt")
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown"}

@@ -18,3 +18,5 @@ from ._torch import gather_by_torch as gather_by_torch
 from ._trees import TreeVectors as TreeVectors
 from .interface import Certificate as Certificate
 from .interface import Vectors as Vectors
+
+__all__ = ["Sharded", "VectorOperations", "Vectors", "gather_by_torch"]

@@ -53,9 +53,9 @@ BACK_ENDS = ("osqp", "quadprog", "daqp", "piqp", "proxqp", "clarabel", "highs", 
 @pytest.mark.parametrize(
     ("solver", "geometry", "most"),
     [
-        ("active-set", {"radius": 0.5}, 6),
-        ("active-set", {"metric": np.arange(1.0, 10.0)}, 35),
-        ("active-set", {"metric": FULL, "radius": 0.5}, 40),
+        ("active-set", {"radius": 0.5}, 5),
+        ("active-set", {"metric": np.arange(1.0, 10.0)}, 20),
+        ("active-set", {"metric": FULL, "radius": 0.5}, 38),
         *((name, {"metric": FULL, "radius": 0.5}, 60) for name in BACK_ENDS),
     ],
 )
