@@ -47,7 +47,7 @@ MUTATIONS = {
         "cpgrl_opt/_step_run.py",
         "change += settings.restoration_rate * restoration",
         "change -= settings.restoration_rate * restoration",
-        "cpgrl_opt/test_step.py::test_equality_is_the_papers_update",
+        "cpgrl_opt/test_step.py::test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way",
     ),
     "the referee has the multipliers' sign of eq. 7": Mutation(
         "cpgrl_opt/_evidence.py",
