@@ -43,12 +43,6 @@ class Whitening(ReadOnlyArrays):
         if self.correction is not None:
             object.__setattr__(self, "correction", read_only(self.correction))
 
-    def copied(self) -> "Whitening":
-        """The same L in arrays of its own."""
-        other = Whitening(self.factor.copy(), None if self.correction is None else self.correction.copy())
-        _ = other.balanced
-        return other
-
     def __setstate__(self, state: dict[str, Any]) -> None:
         super().__setstate__({name: part for name, part in state.items() if name != "balanced"})
         if "balanced" in state:  # whose arrays would come back writeable
