@@ -169,6 +169,13 @@ def check_radii(radius: ArrayLike, count: int) -> Float[np.ndarray, "B"]:
 def check_bounds(bound: Any, equality: Any, shape: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
     """b and E, of each row or one for all."""
     is_equality = _check_equality(equality, shape)
+    if (
+        type(bound) is np.ndarray
+        and bound.dtype is _FLOAT64
+        and bound.shape == shape
+        and isfinite(np.vdot(bound, bound))
+    ):
+        return freeze(bound.copy()), is_equality
     if type(bound) is float and isfinite(bound):
         return _spread(bound, shape), is_equality
     b = _fill("bound", real_array("bound", bound, None), shape)

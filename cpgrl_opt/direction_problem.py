@@ -132,7 +132,9 @@ class DirectionProblem(Arrays):
             vars(self).update(gradient=vectors.gradient)
             if not isinstance(vectors.jacobian, tuple):
                 vars(self).update(jacobian=vectors.jacobian)
-        return b, E, radius, metric_of_rows(vectors, metric)
+        if metric is not None:
+            metric = metric_of_rows(vectors, metric)
+        return b, E, radius, metric
 
     if not TYPE_CHECKING:  # which would believe in any attribute
 

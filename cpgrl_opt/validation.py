@@ -22,7 +22,7 @@ def real_view(name: str, values: ArrayLike, ndim: int | None) -> NDArray[np.floa
 
     NaN is not looked for.
     """
-    array = real_values(name, values)
+    array = values if type(values) is np.ndarray and values.dtype == np.float64 else real_values(name, values)
     if ndim is not None and array.ndim != ndim:
         raise ValueError(f"{name} should have {ndim} axes; found shape {array.shape}")
     return read_only(array)

@@ -4,6 +4,8 @@ What is usual: the gates of rung "gramian" are open, the direct pass finds the a
 1e-12. All else is for `span`. Both see the same Gramian and take the same gates.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ..direction import Direction, KKTResiduals, Status
@@ -13,9 +15,9 @@ from ..vectors import REPRESENTABLE
 from .compiled._gramian_core import judge, weigh
 
 
-def solve_by_gramian(problem: DirectionProblem, tolerance: float) -> Direction | None:
+def solve_by_gramian(problem: DirectionProblem, vectors: Any, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
-    m, vectors, report = len(problem.bound), problem.vectors, np.empty(4)
+    m, report = len(problem.bound), np.empty(4)
     K, work, index, weights = vectors.gramian(), np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
     weigh.run(K, problem.bound, problem.equality, GATES, work, index, weights, report)
     changes = int(report[0])

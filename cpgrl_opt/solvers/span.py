@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from math import inf
+from typing import Any
 
 import numpy as np
 
@@ -35,17 +36,23 @@ def solve_in_span(
     solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
     then the usual problem needs no coordinates.
     """
-    work = partial(_solve_in_span, solve, problem, tolerance, is_exact=is_exact)
-    found: Direction = problem.vectors.attempt(work)
+    vectors = problem.vectors
+    work = partial(_solve_in_span, solve, problem, vectors, tolerance, is_exact=is_exact)
+    found: Direction = vectors.attempt(work)
     return found
 
 
 def _solve_in_span(
-    solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float, *, is_exact: bool
+    solve: Callable[[DirectionProblem], Direction],
+    problem: DirectionProblem,
+    vectors: Any,
+    tolerance: float,
+    *,
+    is_exact: bool,
 ) -> Direction:
-    vectors, left = problem.vectors, None
+    left = None
     if not (problem.is_tree and vectors.has_rows and not is_long(*vectors.shape)):  # a short tree is a short problem
-        usual = solve_by_gramian(problem, tolerance) if is_exact and "gramian" in RUNGS else None
+        usual = solve_by_gramian(problem, vectors, tolerance) if is_exact and "gramian" in RUNGS else None
         if usual is not None:
             return usual
         for found in _solve_by_rungs(solve, problem, tolerance):

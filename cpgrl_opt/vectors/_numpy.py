@@ -222,7 +222,7 @@ class ArrayVectors(LeafVectors):
         """One."""
         return ((self.gradient, self.jacobian),)
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """(m, n)."""
         return len(self.jacobian), len(self.gradient)
