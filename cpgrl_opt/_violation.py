@@ -32,9 +32,9 @@ _LEAST = 1e-9
 # With 10 rows that nearly oppose each other, and are met a little farther than the claim goes, would be; with 1000 a
 # proof to √ε of a d that is 1e3 times max|b̂| long would not do for ε = 1e-9.
 _FAR = 100.0
-# In a ball d is as long as it is wide, whatever the constraints ask for: there this many times the bounds that the
-# proof names are far. With 1e10 rows 1e-10 rad from opposing, which are met at 1e10, would be; with 1e14 what rounding
-# leaves of a proof, 1e-16 a row, would not do.
+# In a ball d is as long as it is wide, whatever the constraints ask for: there a proof is as good as one without a ball
+# where no more than this part of it is left of Jᵀy. With 1e10 rows 1e-10 rad from opposing would contradict each other,
+# which are met at 1e10 times the bounds; with 1e14 what rounding leaves, 1e-16 a row, would not do.
 _BEYOND = 1e12
 # What rounding leaves of b̂ᵀŷ − radius ‖Ĵᵀŷ‖, in units of max(|b̂|, radius) Σ|ŷ|.
 _ROUNDED_GAIN = 8 * float(np.finfo(np.float64).eps)
@@ -161,7 +161,7 @@ def is_out_of_reach(problem: DirectionProblem, d: Vector, y: Multipliers) -> boo
     reach = proof.size / proof.residual if proof.residual > 0.0 else math.inf
     if radius is None:
         return reach >= _FAR * max(length, norm(flat.gradient))
-    return reach >= min(radius, _FAR * length, _BEYOND * proof.size)
+    return reach >= min(radius, _FAR * length, _BEYOND * proof.gain * proof.size)
 
 
 class _Proof(NamedTuple):

@@ -155,7 +155,7 @@ def _bring_back(problem: DirectionProblem, flat: Flat, answer: Direction, tolera
         found = certify(problem, found, tolerance, infeasible_direction)
     # And no claim of somebody else's; the ball's search is ours, whatever core it asks.
     is_ours = answer.residuals is not None or answer.status == Status.INFEASIBLE or problem.radius is not None
-    if found.status == Status.UNCERTIFIED and is_ours and problem.metric is not None and misses_a_bound(problem, value):
+    if found.status == Status.UNCERTIFIED and is_ours and misses_a_bound(problem, value):
         found = _contradict(problem, found, tolerance)
     if found.status == Status.INFEASIBLE and callable(problem.metric) and not _is_beyond_doubt(problem, found):
         found = replace(found, status=Status.UNCERTIFIED)

@@ -125,6 +125,8 @@ def test_nor_is_it_in_a_step() -> None:
 
 @pytest.mark.parametrize("radius", [None, 1e6, 1e10, 1e14, 1e20])
 def test_a_huge_ball_hides_no_contradiction(radius: float | None) -> None:
-    rows = [[-155.0, 48.5], [155.0, -48.5]]
-    answer = solve(DirectionProblem([0.3, 1.3], rows, [0.001, 0.0], radius=radius))
-    assert answer.status == Status.INFEASIBLE
+    for rows, bound in (
+        ([[-155.0, 48.5], [155.0, -48.5]], [0.001, 0.0]),
+        ([[4.0, 4.0], [-4.0, -4.0], [-2.0, 1.0]], [-20.0, 20.03125, 10.0]),
+    ):
+        assert solve(DirectionProblem([0.3, 1.3], rows, bound, radius=radius)).status == Status.INFEASIBLE
