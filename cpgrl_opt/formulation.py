@@ -59,7 +59,7 @@ class ActiveConstraints:
     def soften(self, ridge: float) -> "ActiveConstraints":
         """Rows [J, √ε I] and gradient [g, 0]: J Jᵀ becomes J Jᵀ + εI in P and d, and everything else is unchanged."""
         runs, channels, _ = self.gradients.shape
-        soft = np.sqrt(ridge) * np.eye(channels, channels - 1, -1)
+        soft = np.sqrt(float(ridge)) * np.eye(channels, channels - 1, -1)
         return replace(self, gradients=np.concatenate([self.gradients, np.tile(soft, (runs, 1, 1))], axis=2))
 
 

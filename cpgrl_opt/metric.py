@@ -19,7 +19,7 @@ import numpy as np
 
 from .arrays import Float, Int, Number
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
-from .validation import ReadOnlyArrays, finite_array, freeze, read_only, real_array, require_shape
+from .validation import ReadOnlyArrays, finite_array, freeze, read_only, real_array, real_values, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
 
@@ -93,7 +93,7 @@ def validated_metric(
     """
     if callable(metric):
         return metric, OperatorMetric(metric, n, tolerance, iterations)
-    axes = np.ndim(metric)
+    axes = real_values("metric", metric).ndim
     if axes not in (1, 2):
         raise ValueError(f"metric should be None, (n,), (n, n) or a function v ↦ Mv; found an array of {axes} axes")
     M = finite_array("metric", metric, axes)

@@ -1,6 +1,6 @@
 """Direction problems, one or many: see `direction_problem` for what they are."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
@@ -61,8 +61,10 @@ class ProblemBatch(Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
         """The same problems in stacked arrays; ValueError unless there is at least one and all have one shape."""
         if isinstance(problems, cls):
             return problems
-        if not isinstance(problems, Iterable):
-            raise ValueError(f"problems should be a batch or a sequence of problems; found {problems!r}")
+        try:
+            problems = list(problems)
+        except TypeError as error:
+            raise ValueError(f"problems should be a batch or a sequence of problems; found {problems!r}") from error
         problems = [require_problem(problem) for problem in problems]
         shapes = {np.shape(problem.jacobian) for problem in problems}
         if len(shapes) != 1 or () in shapes:  # of objects that show no arrays

@@ -15,6 +15,8 @@ from .interface import Vectors
 
 def kind_of(gradient: Any, jacobian: Any = None) -> Vectors | None:
     """g and J as an object of the caller's or as a tree, None for what is neither; ValueError for what does not fit."""
+    if isinstance(gradient, type) and has_operations(gradient):
+        raise ValueError(f"gradient should be an object; found its class, {gradient.__qualname__}")
     if isinstance(gradient, Vectors) or has_operations(gradient):
         vectors = gradient if isinstance(gradient, Vectors) else OperationVectors(gradient)
         if jacobian is not None:

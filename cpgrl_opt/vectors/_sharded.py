@@ -41,6 +41,8 @@ class Sharded(Vectors):
     """
 
     def __init__(self, gradient: Any, jacobian: Any = None, *, gather: Gather = gather_by_torch) -> None:
+        if not callable(gather):
+            raise ValueError(f"gather should be a function of an array of numbers; found {gather!r}")
         self._gather = gather
         self._known: Exception | None = None  # the last error of which all ranks know
 

@@ -13,12 +13,18 @@ from cpgrl_opt.solvers import ActiveSet
 REFUSED = """
 from cpgrl_opt import *
 from cpgrl_opt.solvers import solve_batch
+from cpgrl_opt.vectors import Sharded
 import numpy as np
 problem = DirectionProblem([1.0, 0.0], [[-1.0, 0.0]])
 direction = Direction(np.zeros(2), np.zeros(1), Status.OPTIMAL)
-for wrong in (None, "x", 1.0, np.zeros(2), [1.0], object()):
+for wrong in (None, "x", 1.0, np.array(1.0), np.zeros(2), [1.0], object()):
     for call in (
         *(partial(solver.solve, wrong) for name, solver in SOLVERS.items() if name != "osqp"),
+        lambda: WithGeometry(SOLVERS["nnls"]).solve(wrong),
+        lambda: SOLVERS["osqp"].session(2, 1).solve(wrong),
+        lambda: DirectionProblem([1.0, 0.0], [[-1.0, 0.0]], metric=[[1.0, 2.0], [3.0]]),
+        lambda: Sharded(np.ones(2), np.ones((1, 2)), gather=3),
+        lambda: DirectionProblem(Sharded),
         lambda: kkt_residuals(wrong, direction),
         lambda: kkt_residuals(problem, wrong),
         lambda: farkas_residual(wrong, np.zeros(1)),
