@@ -31,7 +31,7 @@ from .arm_figures import touches_figure, workspace_figure
 from .arm_paths import ArmPath, arm_path, starts_beside_aversive, touched_from, typical_path, typical_run
 from .claims import Claim, Statements, Verdict
 from .comparison import Comparison, Measure, with_spread
-from .experiment import Case, Experiment, Recorder, Results, option
+from .experiment import CaseRecorder, Experiment, Results, TrainingCase, option
 from .messages import Outcome
 from .touch_curves import TouchCurves
 
@@ -105,7 +105,7 @@ _OTHERS = ("circle", "star", "triangle")  # than the square
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmCase(Case):
+class ArmCase(TrainingCase):
     """A condition under a solver and a formulation."""
 
     condition: str
@@ -203,7 +203,9 @@ class ArmExperiment(Experiment):
             by_cpgrl=condition.thresholds is not None and condition.projected, rank=_LONGEST_FIRST.index(name),
         )  # fmt: skip
 
-    def begin(self, case: ArmCase, runs: Sequence[int], observe: Observer | None = None) -> tuple[Training, Recorder]:
+    def begin(
+        self, case: ArmCase, runs: Sequence[int], observe: Observer | None = None
+    ) -> tuple[Training, CaseRecorder]:
         """From θ₀ = 0."""
         arm = TwoLinkArm()
         training = Training(
@@ -212,7 +214,7 @@ class ArmExperiment(Experiment):
         )  # fmt: skip
         return training, _Touches(len(runs))
 
-    def curves(self, case: Case, episodes: np.ndarray, values: Mapping[str, np.ndarray]) -> TouchCurves:  # noqa: ARG002
+    def curves(self, case: TrainingCase, episodes: np.ndarray, values: Mapping[str, np.ndarray]) -> TouchCurves:  # noqa: ARG002
         """By block of episodes."""
         return TouchCurves(TwoLinkArm(), episodes, np.diff(episodes, prepend=0), **values)
 
@@ -314,7 +316,7 @@ class ArmExperiment(Experiment):
         ]
 
 
-class _Touches(Recorder):
+class _Touches(CaseRecorder):
     """By what the episodes since the last record ended, and their steps, outside the box of r² and all."""
 
     carried = ("touches", "steps", "outside", "size")

@@ -32,7 +32,7 @@ def option(default: Any, words: str, *names: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class TrainingCase:
     """One training of an experiment.
 
     label: its name in progress, files and results; episodes: how many, with a record after each `every`, and before
@@ -51,7 +51,7 @@ class Case:
     rank: int = 0
 
 
-class Recorder:
+class CaseRecorder:
     """What is recorded of a training. carried: names of attributes that hold what it has seen since its last record."""
 
     carried: ClassVar[tuple[str, ...]] = ()
@@ -135,11 +135,11 @@ class Experiment(ABC):
         return {name: getattr(self, name) for name in names}
 
     @abstractmethod
-    def cases(self) -> Sequence[Case]:
+    def cases(self) -> Sequence[TrainingCase]:
         """What is trained, in the order of the results."""
 
     @abstractmethod
-    def begin(self, case: Any, runs: Sequence[int], observe: Observer | None = None) -> tuple[Training, Recorder]:
+    def begin(self, case: Any, runs: Sequence[int], observe: Observer | None = None) -> tuple[Training, CaseRecorder]:
         """These runs of a training, and who records it; observe: sees the direction problems if they are kept."""
 
     def prepare(self, case: Any) -> None:  # noqa: ARG002 - for those that need less

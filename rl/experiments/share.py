@@ -10,14 +10,14 @@ import numpy as np
 from ..carried import put_back, state_of
 from ..training import TrainingRecord
 from .checkpoints import Checkpoint, Checkpoints
-from .experiment import Case, Experiment
+from .experiment import Experiment, TrainingCase
 from .messages import Block, Message, Outcome, Tick
 from .subproblems import SubproblemRecorder
 
 _TICK = 0.2  # s between signs of life
 
 # What is trained, and which runs.
-Share = tuple[Experiment, Case, tuple[int, ...]]
+Share = tuple[Experiment, TrainingCase, tuple[int, ...]]
 
 
 def train_share(share: Share, report: Callable[[Message], None], checkpoints: Checkpoints | None = None) -> Outcome:

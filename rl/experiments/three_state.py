@@ -36,7 +36,7 @@ from ..training import Training, TrainingRecord, uniform_parameters
 from . import solver_cases
 from .claims import Claim, Statements, Verdict
 from .comparison import Comparison, Measure, with_intervals
-from .experiment import Case, Experiment, Recorder, Results, option
+from .experiment import CaseRecorder, Experiment, Results, TrainingCase, option
 from .learning_curves import LearningCurves, spread
 from .mdp_figures import averages_figure, policies_figure
 from .messages import Outcome
@@ -74,7 +74,7 @@ SECTION, FIG4, FIG5 = "§3.2", "§3.2, Fig. 4", "§3.2, Fig. 5"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThreeStateCase(Case):
+class ThreeStateCase(TrainingCase):
     """CPGRL, CONB or SUM, or "" for CPGRL compared; drop: "" where the formulation has no drop rule."""
 
     method: str = ""
@@ -200,7 +200,7 @@ class ThreeStateExperiment(Experiment):
 
     def begin(
         self, case: ThreeStateCase, runs: Sequence[int], observe: Observer | None = None
-    ) -> tuple[Training, Recorder]:
+    ) -> tuple[Training, CaseRecorder]:
         """From θ₀ ~ U[0, 1]⁹ of each run."""
         mdp, timed, learner = ThreeStateMDP(), None, self.learner(case)
         if not case.method:
@@ -363,7 +363,7 @@ class ThreeStateExperiment(Experiment):
         }
 
 
-class _Averages(Recorder):
+class _Averages(CaseRecorder):
     """ρ as it is carried, the exact averages of the policy after the update, and the policy."""
 
     def __init__(self, training: Training) -> None:
@@ -413,7 +413,7 @@ class _Timed:
         np.add.at(self.statuses, answers.status[constrained], 1)
 
 
-class _Compared(Recorder):
+class _Compared(CaseRecorder):
     """exact: (R, 1 + K, 1 + m), true averages before the first update and after each of the common ones."""
 
     carried = ("exact", "timed")

@@ -12,7 +12,7 @@ from envs import GridWorld
 from rl import CPGRL, GPOMDP, SoftmaxTable, Training, WeightedSum
 from rl.cli import app
 from rl.experiments.claims import Statements
-from rl.experiments.experiment import Case, Experiment, Recorder, option
+from rl.experiments.experiment import CaseRecorder, Experiment, TrainingCase, option
 from rl.experiments.figure_style import blank_figure
 from rl.experiments.runner import files_of, reproduce
 
@@ -31,8 +31,10 @@ class GridExperiment(Experiment):
     hazard: float = option(-0.05, "Threshold of each kind of hazard.")
 
     def cases(self):
-        cpgrl = Case(label="cpgrl", episodes=self.episodes, every=self.record_every, solver=self.solver, kept=True)
-        return [cpgrl, Case(label="sum", episodes=self.episodes, every=self.record_every)]
+        cpgrl = TrainingCase(
+            label="cpgrl", episodes=self.episodes, every=self.record_every, solver=self.solver, kept=True
+        )
+        return [cpgrl, TrainingCase(label="sum", episodes=self.episodes, every=self.record_every)]
 
     def begin(self, case, runs, observe=None):
         world = GridWorld()
@@ -50,7 +52,7 @@ class GridExperiment(Experiment):
         return {"rewards": lambda: drawn(results)}
 
 
-class Estimates(Recorder):
+class Estimates(CaseRecorder):
     def see(self, record):
         self.record = record
         return {}
