@@ -39,4 +39,4 @@ def _processor() -> str:
     except OSError:  # not Linux
         lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return next(iter(models), platform.processor() or platform.machine())
+    return models[0] if models else platform.processor() or platform.machine()  # which may start a process
