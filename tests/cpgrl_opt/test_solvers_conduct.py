@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import importlib.util
 import pickle
 import subprocess
 import sys
@@ -196,6 +197,14 @@ def test_a_wrong_name_is_answered_with_the_right_ones() -> None:
         QPSolversBackend("osqp")
 
 
+def forget_in_qpsolvers(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As qpsolvers does on any ImportError; old versions solve by a table in a module of its own."""
+    for module in ("qpsolvers.solvers", "qpsolvers._internals"):
+        if importlib.util.find_spec(module):
+            table = getattr(importlib.import_module(module), "solve_function", {})
+            monkeypatch.delitem(table, name, raising=False)
+
+
 @pytest.mark.parametrize("geometry", [{}, {"metric": 2 * np.eye(5), "radius": 0.5}], ids=["plain", "ball"])
 @pytest.mark.parametrize("name", [*OPTIONAL, "osqp", "cvxpy"])
 def test_a_missing_package_is_answered_with_what_to_type(
@@ -203,7 +212,7 @@ def test_a_missing_package_is_answered_with_what_to_type(
 ) -> None:
     solver, problem = SOLVERS[name], cone(0)
     monkeypatch.setitem(sys.modules, solver.package, None)  # type: ignore[arg-type]  # Python's word for missing
-    monkeypatch.delitem(importlib.import_module("qpsolvers.solvers").solve_function, name, raising=False)
+    forget_in_qpsolvers(name, monkeypatch)
     assert not is_installed(solver)
     extra = "gpl" if name == "quadprog" else "solvers"
     problem = DirectionProblem(problem.gradient, problem.jacobian, problem.bound, **geometry)
@@ -214,12 +223,11 @@ def test_a_missing_package_is_answered_with_what_to_type(
 
 @pytest.mark.parametrize("name", OPTIONAL)
 def test_a_package_that_cannot_be_imported_says_why(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    solve_function = pytest.importorskip("qpsolvers.solvers").solve_function
     package = SOLVERS[name].package
     (tmp_path / f"{package}.py").write_text("raise ImportError('libgomp.so.1: cannot open')", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, package, raising=False)
-    monkeypatch.delitem(solve_function, name, raising=False)  # as qpsolvers does on any ImportError
+    forget_in_qpsolvers(name, monkeypatch)
     with pytest.raises(UnusablePackageError, match=rf"{name}.*{package}.*cannot be imported: libgomp\.so\.1"):
         SOLVERS[name].solve(cone(0))
 
