@@ -114,6 +114,13 @@ def test_what_is_rounded_in_a_metrics_coordinates_is_no_contradiction(
         assert farkas_residual(problem, np.ones(2)) >= tilt / 10
 
 
+@pytest.mark.parametrize("tilt", [1e-6, 1e-7])
+def test_what_is_met_far_away_is_no_contradiction_where_the_metric_is_a_function(tilt: float) -> None:
+    """By (−1/tilt, −1), a million times the bounds away: a proof to √tolerance would say that nothing meets it."""
+    problem = DirectionProblem([0.0, 0.0], [[-tilt, -1.0], [0.0, 1.0]], [2.0, -1.0], metric=PLANE.__matmul__)
+    assert solve(problem).status == Status.UNCERTIFIED
+
+
 def test_nor_is_it_in_a_step() -> None:
     given = Linearization([0.0, -1.0, 0.0], [[0.0, 0.0], [1e-6, -1.0], [0.0, 1.0]])
     settings = {"formulation": "restoring", "step_size": 1.0, "restoration_rate": 1.0, "metric": PLANE.__matmul__}
