@@ -46,7 +46,7 @@ _LONG = ("array_vectors", "reduction", "long_*", "rows_apart", "usual_*", "vecto
 # Modules, as patterns, and the tests that are about them.
 TESTS = {
     ("cpgrl_opt/*problem.py", "cpgrl_opt/*gate.py", "cpgrl_opt/validation.py", "cpgrl_opt/linearization.py"): (
-        *("problem", "one_gate", "no_problem", "rows_apart"),
+        *("problem", "gate", "rows_apart"),
     ),
     ("cpgrl_opt/certify.py", "cpgrl_opt/_evidence.py", "cpgrl_opt/_violation.py", "cpgrl_opt/answers.py"): _REFEREE,
     ("cpgrl_opt/scaling.py", "cpgrl_opt/compensated.py", "cpgrl_opt/direction.py"): ("problem", "reduction", *_REFEREE),
@@ -54,7 +54,7 @@ TESTS = {
     ("cpgrl_opt/*step*.py", "cpgrl_opt/formulation.py", "cpgrl_opt/recovery.py", "cpgrl_opt/drop_rule.py"): (
         *("projection", "step*", "supports_*"),
     ),
-    ("cpgrl_opt/projection.py", "cpgrl_opt/active_set.py"): ("projection", "step", "one_gate"),
+    ("cpgrl_opt/projection.py", "cpgrl_opt/active_set.py"): ("projection", "step", "gate"),
     ("cpgrl_opt/reduction.py", "cpgrl_opt/vectors/*.py", "cpgrl_opt/solvers/span.py"): _LONG,
     ("cpgrl_opt/solvers/*gramian_core.py", "cpgrl_opt/solvers/compiled/_gramian_core.py"): _LONG,
     (

@@ -312,35 +312,6 @@ def test_an_observer_sees_every_subproblem_with_its_answer():
     assert len(problems) == len(answers) == 8
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"solver": "simplex"}, "rosen.*active-set.*found 'simplex'"),
-        (
-            {"formulation": "sphere"},
-            "formulation should be one of equality, cone, restoring, linearized; found 'sphere'",
-        ),
-        ({"rule": "all"}, "rule should be one of violated, hysteresis; found 'all'"),
-        ({"drop": "sometimes"}, "drop should be one of never, stationary, always"),
-        ({"on_failure": "ignore"}, "on_failure should be one of"),
-        ({"step_size": -1.0}, "step_size should be a number ≥ 0; found -1.0"),
-        ({"ridge": np.nan}, "ridge should be a number ≥ 0; found nan"),
-        ({"max_restoration": -1.0}, "max_restoration should be a number ≥ 0; found -1.0"),
-        ({"formulation": "restoring", "step_size": 0.0}, "step_size should be > 0"),
-    ],
-)
-def test_wrong_settings_are_refused_with_the_right_names(settings, message):
-    with pytest.raises(ValueError, match=message):
-        plain(**settings)
-
-
-def test_thresholds_that_do_not_fit_are_refused():
-    with pytest.raises(ValueError, match=r"thresholds should have shape \(3,\); found \(2,\)"):
-        plain()(random_linearization(0), [0.0, 0.0])
-    with pytest.raises(ValueError, match="thresholds should be finite"):
-        plain()(random_linearization(0), [0.0, 0.0, np.nan])
-
-
 @pytest.mark.parametrize("solver", ["active-set", "rosen"])
 @pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
 @pytest.mark.parametrize("runs", [(), (1,), (20,), (2, 3)])

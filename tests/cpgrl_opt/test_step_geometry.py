@@ -175,27 +175,6 @@ def test_the_drop_rule_ends_at_the_cone_projection_in_the_metric():
     np.testing.assert_allclose(result.change, 0.02 * np.linalg.solve(M, [1.0, 1.0]))
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"metric": [[1.0, 2.0], [2.0, 1.0]]}, "metric should be positive definite"),
-        ({"metric": [1.0, -1.0]}, "metric should have positive"),
-        ({"metric": [[1.0, 2.0], [0.0, 5.0]]}, "metric should be symmetric"),
-        ({"metric": 2.0}, r"metric should be None, \(n,\), \(n, n\) or a function"),
-        ({"radius": 0.0}, "radius should be a finite number > 0; found 0.0"),
-        ({"radius": np.inf}, "radius should be a finite number > 0"),
-    ],
-)
-def test_what_is_no_metric_and_no_radius_is_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        plain(**settings)
-
-
-def test_a_metric_of_other_parameters_is_refused():
-    with pytest.raises(ValueError, match=r"metric should have shape \(5, 5\); found \(2, 2\)"):
-        plain(metric=np.eye(2))(random_linearization(0), np.zeros(2))
-
-
 class Plain:
     def solve(self, problem):
         return Direction(problem.gradient.copy(), np.zeros(problem.m), Status.OPTIMAL)

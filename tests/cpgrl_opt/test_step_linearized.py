@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, hysteresis
+from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
 from cpgrl_opt.published import CPO
 from cpgrl_opt.recovery import recover
 from cpgrl_opt.reduction import Coordinates
@@ -299,20 +299,3 @@ def test_the_limit_is_that_of_violated_rows_without_the_others():
     linearization = Linearization([0.0, -1.0, 0.3], [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     result = full(max_restoration=0.5)(linearization, [0.0, 0.0])
     np.testing.assert_allclose(result.change, [0.5, 0.0], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"ridge": 0.1}, "ridge should be 0 with formulation 'linearized'"),
-        ({"rule": "hysteresis"}, "rule should be the default with formulation 'linearized'"),
-        ({"rule": hysteresis}, "rule should be the default"),
-        ({"step_size": 0.0}, "step_size should be > 0 with formulation 'linearized'"),
-        ({"slack_fraction": 1.5}, r"slack_fraction should be a number in \[0, 1\]; found 1.5"),
-        ({"slack_fraction": -0.1}, "slack_fraction should be a number ≥ 0"),
-        ({"slack_fraction": np.nan}, "slack_fraction should be a number ≥ 0"),
-    ],
-)
-def test_settings_that_it_does_not_take_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        linearized(**settings)
