@@ -30,7 +30,7 @@ from violations_page import page
 from cpgrl_opt import ConstrainedStep
 from envs import GridWorld, TwoLinkArm
 from rl.estimators import GPOMDP, ExactGradient, GradientEstimator, KondaActorCritic
-from rl.experiments.arm import MAX_CHANGE, arm_policy
+from rl.experiments.arm.experiment import MAX_CHANGE, arm_policy
 from rl.learners import CPGRL
 from rl.policies import SoftmaxTable
 from rl.training import TrainingRecord, train, uniform_parameters

@@ -1,4 +1,4 @@
-"""Percentile bootstrap over runs (Efron 1979)."""
+"""Statistics over runs: standard deviation, percentile bootstrap (Efron 1979)."""
 
 import numpy as np
 
@@ -23,3 +23,11 @@ def mean_intervals(
     tail = (1 - level) / 2
     low, high = np.quantile(means, [tail, 1 - tail], axis=-2)
     return np.stack([values.mean(axis=-2), low, high], axis=-2)
+
+
+def spread(values: Float[np.ndarray, "R *shape"]) -> Float[np.ndarray, "*shape"]:
+    """Standard deviation over the runs, with R − 1; 0 for a single run."""
+    if len(values) < 2:
+        return np.zeros(values.shape[1:])
+    deviation: Float[np.ndarray, "*shape"] = values.std(axis=0, ddof=1)
+    return deviation

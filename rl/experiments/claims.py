@@ -1,8 +1,7 @@
 """Statements of the paper beside what was measured: a table to read, a file to compute with."""
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,38 +9,31 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from .json_file import write_json
+
+# Of an experiment's evidence: whether the claim holds, the numbers that decide, and the margins they are held against.
+Judge = Callable[[Any], tuple[bool, Mapping[str, float]]]
+
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper, and whether it came out.
+    """One statement of the paper, and whether it came out; an object of `claims.json`.
 
-    id: short name; claim: the paper's words; source: where they stand; measured: the numbers that decide, and the
-    margin they are held against; evidence: the same in a few words; holds: the verdict; about: whose training it is
-    judged by where the paper's word for it may mean more than one, else "".
+    id: short name; claim: the paper's words; source: where they stand; about: whose training it is judged by where the
+    paper's word for it may mean more than one, else ""; measured: the numbers that decide, and the margins they are
+    held against; holds: the verdict.
     """
 
     id: str
     claim: str
     source: str
+    about: str
     measured: dict[str, float]
-    evidence: str
     holds: bool
-    about: str = ""
 
-    def as_json(self) -> dict[str, Any]:
-        """What `claims.json` holds of it."""
-        return {
-            "id": self.id,
-            "claim": self.claim,
-            "source": self.source,
-            **({"about": self.about} if self.about else {}),
-            "measured": {name: float(value) for name, value in self.measured.items()},
-            "holds": bool(self.holds),
-        }
-
-
-# What decides, in words, and whether it holds.
-Verdict = tuple[bool, dict[str, float], str]
+    def in_words(self) -> str:
+        """What was measured, by name."""
+        return ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in self.measured.items())
 
 
 @dataclass(frozen=True)
@@ -51,40 +43,38 @@ class Statement:
     id: str
     claim: str
     source: str
-    judge: Callable[..., Verdict]
+    find: Judge
     needs: tuple[str, ...] = ()
     about: str = ""
 
-    def judged(self, evidence: Any) -> Claim:
+    def judge(self, evidence: Any) -> Claim:
         """The claim."""
-        holds, measured, words = self.judge(evidence)
-        return Claim(self.id, self.claim, self.source, measured, words, holds, self.about)
+        holds, measured = self.find(evidence)
+        numbers = {name: float(value) for name, value in measured.items()}
+        return Claim(self.id, self.claim, self.source, self.about, numbers, bool(holds))
 
 
-@dataclass(frozen=True)
-class Statements:
+class Statements(list[Statement]):
     """All that an experiment claims, in order, each added by a decorator of the function that judges it."""
 
-    all: list[Statement] = field(default_factory=list)
-
-    def add(self, name: str, claim: str, source: str, **more: Any) -> Callable[[Callable[..., Verdict]], Any]:
+    def add(self, name: str, claim: str, source: str, **more: Any) -> Callable[[Judge], Judge]:
         """A decorator; name: its id; see `Statement`."""
 
-        def added(judge: Callable[..., Verdict]) -> Callable[..., Verdict]:
-            self.all.append(Statement(name, claim, source, judge, **more))
+        def append(judge: Judge) -> Judge:
+            self.append(Statement(name, claim, source, judge, **more))
             return judge
 
-        return added
+        return append
 
-    def judged(self, evidence: Any) -> list[Claim]:
+    def judge(self, evidence: Any) -> list[Claim]:
         """Those whose trainings are among the evidence's curves."""
-        return [own.judged(evidence) for own in self.all if set(own.needs) <= set(evidence.curves)]
+        return [own.judge(evidence) for own in self if set(own.needs) <= set(evidence.curves)]
 
 
 def write_claims(claims: Sequence[Claim], path: Path) -> None:
-    """`claims.json`: a list of {"id", "claim", "source", "measured", "holds"}."""
-    text = json.dumps([claim.as_json() for claim in claims], indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    """`claims.json`: a list of {"id", "claim", "source", "about" where it is told, "measured", "holds"}."""
+    written = [asdict(claim) for claim in claims]
+    write_json(path, [{name: value for name, value in own.items() if value != ""} for own in written])
 
 
 def print_claims(claims: Sequence[Claim], console: Console) -> None:
@@ -93,7 +83,6 @@ def print_claims(claims: Sequence[Claim], console: Console) -> None:
     for claim in claims:
         verdict = "[green]yes[/green]" if claim.holds else "[bold red]no[/bold red]"
         where = f"{claim.source}; {claim.about}" if claim.about else claim.source
-        words, source, evidence = (escape(text) for text in (claim.claim, where, claim.evidence))
-        table.add_row(verdict, f"{words} [dim]({source})[/dim]", evidence)
+        table.add_row(verdict, f"{escape(claim.claim)} [dim]({escape(where)})[/dim]", escape(claim.in_words()))
     console.print(table)
     console.print(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold.")

@@ -1,6 +1,5 @@
 """Trainings beside each other: a CSV with a row for each run, and a table of means, as Markdown and for a terminal."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +12,8 @@ from rich.table import Table
 
 from cpgrl_opt.arrays import Float
 
-from .bootstrap import mean_intervals
-from .learning_curves import spread
+from .bootstrap import mean_intervals, spread
+from .json_file import write_json
 from .messages import Outcome
 from .tidy_csv import TidyCsv
 
@@ -75,8 +74,7 @@ class Comparison:
         lines += [f"| {' | '.join(row)} |" for row in (table[0], ["---"] * len(table[0]), *table[1:])]
         (directory / f"{self.file}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
         if self.details is not None:
-            text = json.dumps(self.details(outcomes), indent=2, ensure_ascii=False, allow_nan=False)
-            (directory / f"{self.file}.json").write_text(text + "\n", encoding="utf-8")
+            write_json(directory / f"{self.file}.json", self.details(outcomes))
 
     def show(self, table: Sequence[Sequence[str]]) -> None:
         """The means on the terminal, trainings as columns where they are fewer than what is measured."""

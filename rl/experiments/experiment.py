@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,8 +22,7 @@ from .claims import Claim
 from .comparison import Comparison
 from .messages import Outcome
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+Figures = Mapping[str, Callable[[], Any]]  # how each is drawn, by the name of its PNG and SVG
 
 
 def option(default: Any, words: str, *names: str) -> Any:
@@ -154,8 +153,8 @@ class Experiment(ABC):
     def claims(self, results: Results) -> list[Claim]:
         """Statements about the results, judged."""
 
-    def figures(self, results: Results) -> "Mapping[str, Callable[[], Figure]]":  # noqa: ARG002
-        """How each is drawn, by the name of its PNG and SVG."""
+    def figures(self, results: Results) -> Figures:  # noqa: ARG002
+        """Those of the results."""
         return {}
 
     def animations(self, results: Results) -> Mapping[str, Callable[[Path], object]]:  # noqa: ARG002

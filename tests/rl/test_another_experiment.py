@@ -46,7 +46,7 @@ class GridExperiment(Experiment):
         return training, Estimates()
 
     def claims(self, results):
-        return STATEMENTS.judged(results)
+        return STATEMENTS.judge(results)
 
     def figures(self, results):
         return {"rewards": lambda: drawn(results)}
@@ -70,7 +70,7 @@ def drawn(results):
 @STATEMENTS.add("hazards-avoided", "CPGRL meets its thresholds", "nowhere", needs=("cpgrl",))
 def hazards_avoided(results):
     worst = float(results.curves["cpgrl"]["estimated"][:, -1, 1:].min())
-    return worst >= results.settings.hazard, {"worst": worst}, f"{worst:.3f} at worst"
+    return worst >= results.settings.hazard, {"worst": worst}
 
 
 SMALL = GridExperiment(runs=2, episodes=40, steps=20, record_every=10, record=20)

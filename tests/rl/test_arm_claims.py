@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from envs import TwoLinkArm
-from rl.experiments.arm import CONDITIONS, STATEMENTS, ArmEvidence
+from rl.experiments.arm.claims import STATEMENTS, ArmEvidence
+from rl.experiments.arm.conditions import CONDITIONS
+from rl.experiments.arm.curves import TouchCurves
 from rl.experiments.claims import write_claims
-from rl.experiments.touch_curves import TouchCurves
 
 EPISODES = np.arange(100, 10_001, 100)
 EVEN = (25, 25, 25, 25, 0)
@@ -40,7 +41,7 @@ STUCK = curves(EVEN)
 
 def verdicts(beside=BESIDE, **changed):
     own = {name.replace("_", "-"): learned for name, learned in changed.items()}
-    return {claim.id: claim.holds for claim in STATEMENTS.judged(ArmEvidence({**PAPER, **own}, beside))}
+    return {claim.id: claim.holds for claim in STATEMENTS.judge(ArmEvidence({**PAPER, **own}, beside))}
 
 
 def test_every_claim_holds_of_what_was_measured_before():
@@ -75,7 +76,7 @@ def test_each_claim_fails_where_its_touches_are_others(changed, failing):
 def test_winner_takes_all_is_judged_run_by_run():
     turned = curves((17, 74, 4, 5, 0), turns=1)  # every run has a winner, though the mean of the runs is even
     assert turned.late().rates().mean(axis=0).max() < 30
-    (claim,) = (c for c in STATEMENTS.judged(ArmEvidence({"a": turned})) if c.id == "a-winner-takes-all")
+    (claim,) = (c for c in STATEMENTS.judge(ArmEvidence({"a": turned})) if c.id == "a-winner-takes-all")
     assert claim.holds
     assert [claim.measured[f"runs_won_by_{name}"] for name in TwoLinkArm().events] == [1, 1, 1, 1]
 
@@ -83,7 +84,7 @@ def test_winner_takes_all_is_judged_run_by_run():
 def test_only_claims_whose_conditions_were_trained_are_judged():
     def ids(*names):
         chosen = {name: PAPER[name] for name in names}
-        return {claim.id for claim in STATEMENTS.judged(ArmEvidence(chosen, BESIDE))}
+        return {claim.id for claim in STATEMENTS.judge(ArmEvidence(chosen, BESIDE))}
 
     assert ids("a") == {"a-learns-touching", "a-winner-takes-all"}
     assert "threshold-matters" not in ids("b")
@@ -93,7 +94,7 @@ def test_only_claims_whose_conditions_were_trained_are_judged():
 
 
 def test_written_claims_name_their_source_and_margins(tmp_path):
-    write_claims(STATEMENTS.judged(ArmEvidence(PAPER, BESIDE)), tmp_path / "claims.json")
+    write_claims(STATEMENTS.judge(ArmEvidence(PAPER, BESIDE)), tmp_path / "claims.json")
     written = {claim["id"]: claim for claim in json.loads((tmp_path / "claims.json").read_text(encoding="utf-8"))}
     assert written["c-square-increases"]["measured"]["at_least"] == 80
     assert written["c-square-increases"]["source"].startswith("§4.2")

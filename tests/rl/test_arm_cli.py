@@ -5,7 +5,8 @@ from typer.testing import CliRunner
 
 from cpgrl_opt import FORMULATIONS, SOLVERS
 from rl.cli import app
-from rl.experiments.arm import CONDITIONS, ESTIMATORS
+from rl.experiments.arm.conditions import CONDITIONS
+from rl.experiments.arm.experiment import ESTIMATORS
 
 TINY = ["--runs", "1", "--episodes", "6", "--block", "3", "--jobs", "1"]
 

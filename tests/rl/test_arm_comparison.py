@@ -6,7 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rl.experiments.arm import CONDITIONS, MEASURES, ArmExperiment, measured
+from rl.experiments.arm import ArmExperiment
+from rl.experiments.arm.conditions import CONDITIONS
+from rl.experiments.arm.tables import MEASURES
+from rl.experiments.arm.tables import measure as measured
 from rl.experiments.records import train
 from rl.experiments.runner import files_of, reproduce
 
@@ -74,7 +77,7 @@ def test_a_row_is_made_of_late_touches_violations_and_counts_per_update(finished
     row = next(
         row for row in rows(directory) if (row["condition"], row["formulation"], row["run"]) == ("c", "cone", "1")
     )
-    assert float(row["square"]) == pytest.approx(curves.late().rate("square")[1])
+    assert float(row["square"]) == pytest.approx(curves.late().rates()[1, 2])
     assert float(row["early_violation"]) == pytest.approx(curves.early().outside()[1])
     assert float(row["violation"]) == pytest.approx(curves.late().outside()[1])
     assert float(row["length"]) == pytest.approx(curves.length[1, -1])  # the last block is the last tenth
@@ -90,7 +93,7 @@ def test_the_table_shows_mean_and_spread_of_each_training(finished, capsys):
     done, directory = finished
     results = done.results
     ((comparison, table),) = done.tables
-    rates = results.curves["b, restoring"].late().rate("triangle")
+    rates = results.curves["b, restoring"].late().rates()[:, 3]
     cells = dict(zip(("circle", "star", "square", "triangle"), table[3][3:7], strict=True))
     assert table[3][:3] == ["b", "restoring", "active-set"]
     assert cells["triangle"] == f"{rates.mean():.1f} ± {rates.std(ddof=1):.1f}"

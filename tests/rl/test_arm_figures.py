@@ -7,10 +7,12 @@ import pytest
 from PIL import Image
 
 from envs import TwoLinkArm
-from rl.experiments.arm import CONDITIONS, arm_policy, learned_policy
-from rl.experiments.arm_animation import write_animation
-from rl.experiments.arm_figures import touches_figure, workspace_figure
-from rl.experiments.arm_paths import (
+from rl.experiments.arm import arm_policy
+from rl.experiments.arm.animation import write_animation
+from rl.experiments.arm.conditions import CONDITIONS
+from rl.experiments.arm.curves import TouchCurves
+from rl.experiments.arm.figures import touches_figure, workspace_figure
+from rl.experiments.arm.paths import (
     ArmPath,
     arm_path,
     starts_beside_aversive,
@@ -19,7 +21,6 @@ from rl.experiments.arm_paths import (
     typical_run,
 )
 from rl.experiments.figure_style import paper_style
-from rl.experiments.touch_curves import TouchCurves
 
 ARM = TwoLinkArm()
 STARTS = starts_beside_aversive(ARM)
@@ -33,7 +34,7 @@ def homing(gain=60.0):
     goal = places[np.hypot(*(ARM.forward_kinematics(places) - SQUARE).T).argmin()]
     axes = [policy.low[k] + policy.spacing[k] * np.arange(policy.counts[k]) for k in range(2)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    return learned_policy(ARM, (gain * (goal - centres)).reshape(-1))
+    return policy.with_parameters((gain * (goal - centres)).reshape(-1))
 
 
 def curves(runs=4, blocks=8, seed=0):
@@ -78,7 +79,7 @@ def test_a_path_without_a_touch_takes_all_the_time():
 def test_the_typical_path_has_median_length_among_those_that_end_as_most_do(monkeypatch):
     lengths = iter([40, 3, 9, 41, 4, 8, 42, 5, 7, 43, 6, 44, 10, 45, 11])
     made = (ArmPath(np.zeros((length, 2)), "square" if length < 40 else "star") for length in lengths)
-    monkeypatch.setattr("rl.experiments.arm_paths.arm_path", lambda *_: next(made))
+    monkeypatch.setattr("rl.experiments.arm.paths.arm_path", lambda *_: next(made))
     path = typical_path(ARM, arm_policy(ARM), STARTS[0], np.random.default_rng(0))
     assert (path.touched, len(path.angles)) == ("square", 7)
 

@@ -18,7 +18,8 @@ from rl.experiments.bootstrap import mean_intervals
 from rl.experiments.messages import Outcome
 from rl.experiments.runner import reproduce
 from rl.experiments.share import train_share
-from rl.experiments.three_state import MEASURES, METHODS, ThreeStateExperiment
+from rl.experiments.three_state import METHODS, ThreeStateExperiment
+from rl.experiments.three_state.tables import MEASURES, measure
 
 TINY = ThreeStateExperiment(runs=3, episodes=12, steps=20, compare=True)
 SETTINGS = replace(TINY, compare_solvers=["rosen", "active-set", "rosen-drop", "nnls"], compare_episodes=8)
@@ -107,7 +108,7 @@ def measured(below, last_below=0.0):
     last = np.tile([0.75, 0.0, -last_below, 0.0], (len(below), 1))
     none = np.zeros(len(below), np.int64)
     outcome = Outcome("", tuple(range(len(below))), 4, none, 1.0, 1.0, 0.0, last, {"uncertified": none})
-    rows = SETTINGS.measured({"exact": exact[:, None], "last": last[:, None]}, outcome)
+    rows = measure(SETTINGS, {"exact": exact[:, None], "last": last[:, None]}, outcome)
     return dict(zip([measure.name for measure in MEASURES], rows.T, strict=True))
 
 

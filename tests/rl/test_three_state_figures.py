@@ -5,9 +5,9 @@ import pytest
 
 from envs import ThreeStateMDP
 from rl.experiments.figure_style import paper_style
-from rl.experiments.learning_curves import LearningCurves
-from rl.experiments.mdp_figures import LABELS, averages_figure, policies_figure
 from rl.experiments.three_state import METHODS
+from rl.experiments.three_state.curves import LearningCurves
+from rl.experiments.three_state.figures import LABELS, averages_figure, policies_figure
 
 EPISODES = np.arange(0, 501, 100)
 

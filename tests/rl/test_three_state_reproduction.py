@@ -14,7 +14,8 @@ from rl.experiments.records import Records
 from rl.experiments.records import train as train_all
 from rl.experiments.runner import files_of, remarks, reproduce
 from rl.experiments.share import train_share
-from rl.experiments.three_state import METHODS, PRINTED, ThreeStateExperiment
+from rl.experiments.three_state import METHODS, ThreeStateExperiment
+from rl.experiments.three_state.claims import PRINTED
 
 SMALL = ThreeStateExperiment(runs=5, episodes=3000)
 TINY = ThreeStateExperiment(runs=2, episodes=25, steps=20, record_every=10)

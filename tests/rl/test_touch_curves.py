@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from envs import TwoLinkArm
-from rl.experiments.arm_bound import greatest_average_r3
-from rl.experiments.touch_curves import TouchCurves
+from rl.experiments.arm.bound import greatest_average_r3
+from rl.experiments.arm.curves import TouchCurves
 
 ARM = TwoLinkArm()
 
@@ -51,7 +51,7 @@ def test_rates_are_per_hundred_episodes_and_sum_to_a_hundred():
     np.testing.assert_allclose(learned.per_hundred().sum(axis=2), 100)
     np.testing.assert_allclose(learned.rates().sum(axis=1), 100)
     np.testing.assert_allclose(learned.rates(), learned.touches.sum(axis=1) / 2.5)
-    np.testing.assert_allclose(learned.rate("square"), learned.touches[:, :, 2].sum(axis=1) / 2.5)
+    np.testing.assert_allclose(learned.mean_rates()["square"], learned.touches[:, :, 2].sum(axis=1).mean() / 2.5)
     assert learned.outcomes == ("circle", "star", "square", "triangle", "none")
 
 

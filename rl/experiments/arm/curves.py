@@ -1,5 +1,6 @@
 """What training on the arm leaves behind: touches, violations and lengths of every run, block by block."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -8,6 +9,11 @@ import numpy as np
 from cpgrl_opt.arrays import Float, Int
 from envs import TwoLinkArm
 
+from ...training import TrainingRecord
+from ..experiment import CaseRecorder
+
+ARM = TwoLinkArm()
+OUTCOMES = (*ARM.events, "none")  # of an episode
 EARLY = 500  # episodes: "at the early stage of learning"
 LATE = 1000  # the last ones, where what was learned is judged
 
@@ -64,9 +70,10 @@ class TouchCurves:
         """Touches per 100 episodes over all blocks."""
         return np.asarray(100 * self.touches.sum(axis=1) / self.sizes.sum())
 
-    def rate(self, outcome: str) -> Float[np.ndarray, "R"]:
-        """One outcome's."""
-        return self.rates()[:, self.outcomes.index(outcome)]
+    def mean_rates(self) -> dict[str, float]:
+        """The same by outcome, mean over the runs."""
+        rates = self.rates()
+        return {outcome: float(rates[:, k].mean()) for k, outcome in enumerate(self.outcomes)}
 
     def outside(self) -> Float[np.ndarray, "R"]:
         """Share of steps outside the box of r², that is −ρ²."""
@@ -79,3 +86,37 @@ class TouchCurves:
         total = (self.touches @ rewards).sum(axis=1)
         count = (self.length * self.sizes).sum(axis=1) if unit == "step" else self.sizes.sum()
         return np.asarray(total / count)
+
+
+class TouchRecorder(CaseRecorder):
+    """By what the episodes since the last record ended, and their steps, outside the box of r² and all."""
+
+    carried = ("touches", "steps", "outside", "size")
+
+    def __init__(self, runs: int) -> None:
+        self.runs = np.arange(runs)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.touches = np.zeros((len(self.runs), len(OUTCOMES)), dtype=np.int64)
+        self.steps, self.outside = np.zeros((2, len(self.runs)))
+        self.size = 0
+
+    def see(self, record: TrainingRecord) -> Mapping[str, np.ndarray]:
+        """Counts "constrained": updates with an active constraint, in each of which the ridge acts."""
+        estimate = record.estimate
+        self.touches[self.runs, estimate.events - 1] += 1  # a time-out, event 0, in the last column
+        self.steps += estimate.steps
+        self.outside -= estimate.rewards[:, 1]  # r² = −1 outside the box, else 0
+        self.size += 1
+        return {"constrained": np.asarray(record.update.active.any(axis=1), dtype=np.int64)}
+
+    def values(self) -> dict[str, np.ndarray]:
+        """As in TouchCurves."""
+        found = {
+            "touches": self.touches,
+            "violation": self.outside / self.steps,
+            "length": self.steps / self.size,
+        }
+        self._begin()
+        return found

@@ -9,9 +9,9 @@ import numpy as np
 from cpgrl_opt.arrays import UInt8
 from envs import TwoLinkArm
 
-from .arm_drawing import draw_objects, draw_reach, frame, joints
-from .arm_paths import ArmPath
-from .figure_style import BLACK, blank_figure, panel_letter
+from ..figure_style import BLACK, blank_figure, panel_letter
+from .drawing import draw_objects, draw_reach, frame, joints
+from .paths import ArmPath
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

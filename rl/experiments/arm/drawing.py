@@ -7,7 +7,7 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
-from .figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from ..figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

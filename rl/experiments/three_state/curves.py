@@ -1,10 +1,18 @@
 """What training leaves behind: average rewards and policies of every run, every so many episodes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from cpgrl_opt.arrays import Float, Int
+from envs import ThreeStateMDP
+
+from ...policies import SoftmaxTable
+from ...training import Training, TrainingRecord
+from ..experiment import CaseRecorder
+
+MDP = ThreeStateMDP()
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +38,26 @@ class LearningCurves:
         return below
 
 
-def spread(values: Float[np.ndarray, "R *shape"]) -> Float[np.ndarray, "*shape"]:
-    """Standard deviation over the runs, with R − 1; 0 for a single run."""
-    if len(values) < 2:
-        return np.zeros(values.shape[1:])
-    deviation: Float[np.ndarray, "*shape"] = values.std(axis=0, ddof=1)
-    return deviation
+class AveragesRecorder(CaseRecorder):
+    """ρ as it is carried, the exact averages of the policy after the update, and the policy."""
+
+    def __init__(self, training: Training) -> None:
+        self.parameters = training.parameters
+        self.estimated: np.ndarray | None = None
+
+    def see(self, record: TrainingRecord) -> Mapping[str, np.ndarray]:
+        """Nothing to count."""
+        self.parameters, self.estimated = record.parameters, record.estimate.values
+        return {}
+
+    def values(self) -> dict[str, np.ndarray]:
+        """Before the first update ρ is 0."""
+        exact, policies = exact_averages(self.parameters)
+        estimated = np.zeros_like(exact) if self.estimated is None else self.estimated
+        return {"estimated": estimated, "exact": exact, "policies": policies}
+
+
+def exact_averages(parameters: Float[np.ndarray, "R n"]) -> tuple[np.ndarray, np.ndarray]:
+    """The averages (R, 1 + m) of policies, and these (R, S, A)."""
+    policies = SoftmaxTable(MDP.states, MDP.actions).probabilities(parameters)
+    return MDP.average_rewards(policies), policies

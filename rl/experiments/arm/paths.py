@@ -9,8 +9,8 @@ import numpy as np
 from cpgrl_opt.arrays import Float, Vector
 from envs import TwoLinkArm, TwoLinkArmEnv
 
-from ..policies import NormalizedGaussianNetwork
-from .touch_curves import TouchCurves
+from ...policies import NormalizedGaussianNetwork
+from .curves import TouchCurves
 
 _BESIDE = 0.16  # m: how far from the aversive object's centre a path begins; it is touched within 0.06 m
 _DIRECTIONS = 8  # around it

@@ -8,11 +8,11 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
 
-from .arm_drawing import LOOKS, draw_arm, draw_objects, draw_reach, frame, outline
-from .arm_paths import ArmPath
-from .figure_style import BLACK, PAGE_WIDTH, blank_figure, caption, panel_letter
-from .learning_curves import spread
-from .touch_curves import TouchCurves
+from ..bootstrap import spread
+from ..figure_style import BLACK, PAGE_WIDTH, blank_figure, caption, panel_letter
+from .curves import TouchCurves
+from .drawing import LOOKS, draw_arm, draw_objects, draw_reach, frame, outline
+from .paths import ArmPath
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

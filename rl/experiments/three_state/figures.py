@@ -8,8 +8,9 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TabularMDP
 
-from .figure_style import BLACK, BLUE, GREEN, PAGE_WIDTH, PURPLE, VERMILION, blank_figure, caption, panel_letter
-from .learning_curves import LearningCurves, spread
+from ..bootstrap import spread
+from ..figure_style import BLACK, BLUE, GREEN, PAGE_WIDTH, PURPLE, VERMILION, blank_figure, caption, panel_letter
+from .curves import LearningCurves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
