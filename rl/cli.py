@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
-from cpgrl_opt.comparison.process_group import exit_on_termination
+from cpgrl_opt.isolation.process_group import exit_on_termination
 from cpgrl_opt.validation import require_count
 
 from .interrupts import InterruptsHeld

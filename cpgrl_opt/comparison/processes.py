@@ -13,9 +13,9 @@ import time
 from time import monotonic
 from typing import Any, Self
 
+from ..isolation.process_group import ProcessGroup
 from .judgement import CRASHED, HUNG
 from .measurement import Measurement
-from .process_group import ProcessGroup
 from .worker import TIMING_BUDGET, Order, Refused, Started, c_library, receive, send, unanswered
 
 _START_LIMIT = 600.0  # s on the wall for imports and, on a machine's first day, for compiling the default solver

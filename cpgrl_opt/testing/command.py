@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from ..comparison.process_group import exit_on_termination
+from ..isolation.process_group import exit_on_termination
 from ..validation import require_count, require_member
 from .isolation import Messages, Order, Ready, Refused, examined_apart
 from .laws import LAWS

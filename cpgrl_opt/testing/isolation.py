@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, cast
 
 import numpy as np
 
-from ..comparison.process_group import ProcessGroup
+from ..isolation.process_group import ProcessGroup
 from ..problem import DirectionProblem
 from ..solvers import compile_kernels
 from ..solvers.facts import tolerance_of

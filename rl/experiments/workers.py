@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from threading import Thread
 from typing import Any, BinaryIO, TypeVar
 
-from cpgrl_opt.comparison.process_group import ProcessGroup
+from cpgrl_opt.isolation.process_group import ProcessGroup
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from cpgrl_opt.comparison.process_group import exit_on_termination
+from cpgrl_opt.isolation.process_group import exit_on_termination
 from rl.interrupts import InterruptsHeld
 
 pytestmark = pytest.mark.usefixtures("hears_interrupts")

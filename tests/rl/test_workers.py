@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from cpgrl_opt.comparison.process_group import ProcessGroup
+from cpgrl_opt.isolation.process_group import ProcessGroup
 from rl.experiments.workers import WorkerDiedError, run_tasks
 
 TASK = """

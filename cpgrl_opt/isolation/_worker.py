@@ -1,0 +1,106 @@
+"""The process that `Isolated` talks to: gets an object, then calls functions with it, until its caller is gone.
+
+    python -P _worker.py ENTRY_OF_SYS_PATH...
+
+A file to be run, so that the process imports nothing but what it is sent.
+
+Orders come through what was descriptor 0, and replies go through what was 1. Descriptors 1 and 2 lead into a file that
+the caller made, so that what a library prints, from C too, meets nobody and can be looked at.
+"""
+
+import contextlib
+import ctypes
+import faulthandler
+import os
+import pickle
+import signal
+import sys
+import traceback
+from typing import Any
+
+# A signal that nothing else uses: the caller sends it at the limit, to read where the code is.
+WHERE = getattr(signal, "SIGUSR1", None)
+
+
+def serve() -> None:
+    """The main function of the process."""
+    incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)
+    faulthandler.enable()
+    if WHERE is not None:
+        faulthandler.register(WHERE)
+    with contextlib.suppress(EOFError, OSError):
+        subject = None
+        while True:
+            order = pickle.load(incoming)
+            subject, reply = _carry_out(order, subject)
+            pickle.dump(reply, outgoing)
+            outgoing.flush()
+
+
+def _carry_out(order: bytes, subject: Any) -> tuple[Any, bytes]:
+    """The object afterwards, and pickled (whether it came back, what came back or was raised)."""
+    answer: Any
+    try:
+        function, arguments = pickle.loads(order)
+        if function == "start":
+            subject, answer = _start(*arguments), os.getpid()
+        elif function == "attribute":
+            found = getattr(subject, *arguments)
+            answer = (True, None) if callable(found) else (False, found)
+        elif isinstance(function, str):
+            answer = getattr(subject, function.removeprefix("."))(*arguments)
+        else:
+            answer = function(subject, *arguments)
+        return subject, pickle.dumps((True, answer))
+    except Exception as error:  # handed over, raised there
+        return subject, pickle.dumps((False, portable(error)))
+
+
+def _start(memory_limit: int | None, is_made: bool, given: bytes) -> Any:
+    if memory_limit is not None:
+        _limit_memory(memory_limit)
+    subject = pickle.loads(given)
+    return subject() if is_made else subject
+
+
+def portable(error: Exception) -> Exception:
+    """The exception with its traceback as a note; as a RuntimeError if it does not survive pickling."""
+    try:
+        again: Exception = pickle.loads(pickle.dumps(error))
+    except Exception:  # an __init__ of other arguments than args
+        again = RuntimeError(f"{type(error).__name__}: {error}")
+    again.add_note("in another process:\n" + "".join(traceback.format_exception(error)))
+    return again
+
+
+def written() -> int:
+    """How many bytes this process has written to its standard output and error so far."""
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    with contextlib.suppress(AttributeError):
+        c_library().fflush(None)  # all of C's streams
+    return os.fstat(2).st_size
+
+
+def c_library() -> Any:
+    """The C library that Python itself uses."""
+    if os.name == "nt":
+        return getattr(ctypes, "cdll").msvcrt  # noqa: B009 - absent elsewhere
+    return ctypes.CDLL(None)
+
+
+def _limit_memory(limit: int) -> None:
+    """Of what the process allocates, on systems that know such a limit; more is a MemoryError."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+if __name__ == "__main__":
+    sys.path[:] = sys.argv[1:]
+    serve()
