@@ -52,7 +52,7 @@ TESTS = {
     ("cpgrl_opt/scaling.py", "cpgrl_opt/compensated.py", "cpgrl_opt/direction.py"): ("problem", "reduction", *_REFEREE),
     ("cpgrl_opt/metric*.py", "cpgrl_opt/flat.py"): ("problem", "geometry", "metric_*", "balls_*", *_REFEREE),
     ("cpgrl_opt/*step*.py", "cpgrl_opt/formulation.py", "cpgrl_opt/recovery.py", "cpgrl_opt/drop_rule.py"): (
-        *("projection", "step*", "supports_*"),
+        *("projection", "step", "step_*"),
     ),
     ("cpgrl_opt/projection.py", "cpgrl_opt/active_set.py"): ("projection", "step", "gate"),
     ("cpgrl_opt/reduction.py", "cpgrl_opt/vectors/*.py", "cpgrl_opt/solvers/span.py"): _LONG,
@@ -209,7 +209,7 @@ def run(root: Path, drawn: Sequence[Mutation], tests: Mapping[str, Sequence[str]
         def tried(mutation: Mutation) -> Row:
             place = places.get()
             try:
-                return _try(root, unbroken, place, mutation, tests[mutation.file], limits)
+                return _try(unbroken, place, mutation, tests[mutation.file], limits)
             finally:
                 places.put(place)
 
@@ -236,9 +236,7 @@ def _time(place: Path, tests: Sequence[str]) -> float:
     return time.perf_counter() - begun
 
 
-def _try(
-    root: Path, unbroken: Path, place: Path, mutation: Mutation, tests: Sequence[str], limits: Mapping[Any, float]
-) -> Row:
+def _try(unbroken: Path, place: Path, mutation: Mutation, tests: Sequence[str], limits: Mapping[Any, float]) -> Row:
     _copy(unbroken, place)
     (place / mutation.file).write_text(mutation.source, encoding="utf-8")
     begun = time.perf_counter()
@@ -246,7 +244,7 @@ def _try(
     outcome = {0: "survived", None: "timed out"}.get(code, "killed")
     seconds = round(time.perf_counter() - begun, 1)
     print(f"{outcome:9} {seconds:6.1f} s  {mutation.file}:{mutation.line} {mutation.kind}", flush=True)
-    return Row(mutation.file, mutation.line, mutation.kind, outcome, seconds, mutation.diff(root))
+    return Row(mutation.file, mutation.line, mutation.kind, outcome, seconds, mutation.diff(unbroken))
 
 
 def run_tests(place: Path, tests: Sequence[str], limit: float | None) -> tuple[int | None, str]:

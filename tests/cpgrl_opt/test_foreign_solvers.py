@@ -28,6 +28,7 @@ from cpgrl_opt.solvers import refereed, solve_batch
 FORMULATIONS = ["equality", "cone", "restoring"]
 # With rates 1 the step is [1, 0.1]: the row [0, 10] asks for 10 d₂ ≥ 1. On a unit row it would ask for d₂ ≥ 1.
 LINEARIZATION = Linearization([0.0, -1.0], [[1.0, 0.0], [0.0, 10.0]])
+TWO = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
 PROBLEM = DirectionProblem([1.0, 0.0], [[0.0, 10.0]], [1.0], metric=[1.0, 4.0])
 
 
@@ -130,45 +131,6 @@ def test_a_replay_judges_by_the_problem_as_it_was(kind):
     assert replay(recording, kind(divide_by_blas), repeats=2).worst[0] > 0.1
 
 
-def geometric_batch():
-    arrays = {"gradient": np.ones((3, 2)), "jacobian": np.ones((3, 1, 2)), "bound": np.zeros((3, 1))}
-    metric = [np.eye(2) * k + np.full((2, 2), 0.3) for k in (1, 2, 3)]
-    return ProblemBatch(**arrays, equality=np.zeros((3, 1), np.bool_), metric=metric, radius=[1.0, 2.0, 3.0])
-
-
-@pytest.mark.parametrize(
-    "made",
-    [
-        geometric_batch,
-        lambda: geometric_batch()[::2],
-        lambda: geometric_batch()[1],
-        lambda: geometric_batch().chosen(np.array([True, False, True])),
-        lambda: geometric_batch().copied(),
-        lambda: geometric_batch()[1].copied(),
-        lambda: geometric_batch().in_geometry([1.0, 2.0], 3.0),
-        lambda: ProblemBatch.stack(list(geometric_batch())),
-        lambda: DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=[[2.0, 1.0], [1.0, 2.0]]),
-        lambda: DirectionProblem.trusted(np.ones(2), np.ones((1, 2)), np.zeros(1), np.zeros(1, np.bool_)),
-    ],
-)
-def test_every_array_of_every_problem_is_read_only(made):
-    problem = made()
-    whitenings = problem.whitening if isinstance(problem.whitening, tuple) else (problem.whitening,)
-    holders = (problem, *(each for each in whitenings if each is not None))
-    arrays = [each for holder in holders for each in vars(holder).values() if isinstance(each, np.ndarray)]
-    assert len(arrays) >= 4
-    assert not any(array.flags.writeable for array in arrays)
-
-
-def test_a_copy_of_problems_is_the_same_in_arrays_of_its_own():
-    for problem in (geometric_batch(), geometric_batch()[1], geometric_batch().in_geometry([1.0, 2.0], None)):
-        copy = problem.copied()
-        for name in ("gradient", "jacobian", "bound", "equality", "metric", "radius"):
-            np.testing.assert_array_equal(getattr(copy, name), getattr(problem, name))
-            if isinstance(getattr(problem, name), np.ndarray):
-                assert not np.shares_memory(getattr(copy, name), getattr(problem, name))
-
-
 def test_an_observer_that_writes_is_stopped():
     for name in ("value", "multipliers", "status", "iterations"):
 
@@ -203,12 +165,6 @@ def test_a_rule_may_use_its_array_again():
     assert first.active.tolist() == [True]
 
 
-@pytest.mark.parametrize("previous", [[1], [0.5], ["yes"]])
-def test_what_is_no_mask_is_no_previous_active_set(previous):
-    with pytest.raises(ValueError, match="previous should be an array of booleans"):
-        step_of("active-set")(LINEARIZATION, [0.0], previous)
-
-
 @dataclass(frozen=True)
 class Odd:
     """Returns what it was made with; a function is called with the problem."""
@@ -232,19 +188,13 @@ def made(**changes):
 ODD_ANSWERS = {
     "None": (None, "found None"),
     "a tuple": ((np.zeros(2), np.zeros(1), 0), r"found \(array"),
-    "an array": (np.zeros(2), r"found array\(\[0\., 0\.\]\)"),
     "one number too few": (made(value=np.zeros(1)), r"found value of shape \(1,\)"),
-    "a column": (made(value=np.zeros((2, 1))), r"found value of shape \(2, 1\)"),
     "multipliers of another problem": (made(multipliers=np.zeros(4)), r"found multipliers of shape \(4,\)"),
     "no multipliers": (made(multipliers=None), "multipliers should be an array of real numbers"),
-    "complex numbers": (made(value=np.zeros(2, complex)), "value should be an array of real numbers"),
     "a status that there is not": (made(status=7), "found the status 7"),
-    "a rounded status": (made(status=0.3), "found the status 0.3"),
     "a truth value as status": (made(status=True), "found the status True"),
     "a word as status": (made(status="solved"), "found the status 'solved'"),
-    "no status": (made(status=None), "found the status None"),
     "iterations": (made(iterations="many"), "iterations should be an array of real numbers"),
-    "a part of an iteration": (made(iterations=1.7), "found iterations that are no integers: 1.7"),
     "radius": (made(radius_multiplier=np.zeros(2)), r"found radius_multiplier of shape \(2,\)"),
 }
 
@@ -271,30 +221,21 @@ def batch_of(value=(2, 2), multipliers=(2, 1), status=(0, 0)):
 ODD_BATCHES = {
     "None": (None, "found None"),
     "none": ([], "found 0"),
-    "one too many": ([made()] * 3, "found 3"),
-    "an array": (np.zeros((2, 2)), "found array"),
     "one row too few": (batch_of(value=(1, 2)), r"found value of shape \(1, 2\)"),
-    "one column too many": (batch_of(value=(2, 3)), r"found value of shape \(2, 3\)"),
     "multipliers of another shape": (batch_of(multipliers=(2, 2)), r"found multipliers of shape \(2, 2\)"),
     "one status": (batch_of(status=[0]), r"found the statuses array\(\[0\]\)"),
     "statuses that there are not": (batch_of(status=[0, 9]), "found the status 9"),
-    "rounded statuses": (batch_of(status=[0.0, 0.7]), "found the status 0.0"),
 }
 
 
 @pytest.mark.parametrize("case", ODD_BATCHES)
 def test_a_solve_batch_that_returns_no_directions_is_told_what_to_return(case):
     answer, found = ODD_BATCHES[case]
-    two = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
     message = rf"(?s)solve_batch should return a DirectionBatch \(value \(2, 2\).*{found}.*, from OddInBatches\("
     with pytest.raises(ValueError, match=message):
-        step_of(OddInBatches(answer))(two, [0.0])
-
-
-def test_a_direction_in_a_batch_that_is_none_is_told_too():
-    two = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
+        step_of(OddInBatches(answer))(TWO, [0.0])
     with pytest.raises(ValueError, match=r"solve should return a Direction.*found None, from OddInBatches"):
-        step_of(OddInBatches([made(), None]))(two, [0.0])
+        step_of(OddInBatches([made(), None]))(TWO, [0.0])
 
 
 @dataclass(frozen=True)
@@ -314,9 +255,8 @@ class Listing:
 
 def test_a_list_of_directions_is_an_answer_to_a_batch():
     """The conformance kit takes it too."""
-    two = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
     solver = Listing()
-    found = step_of(solver)(two, [0.0])
+    found = step_of(solver)(TWO, [0.0])
     np.testing.assert_allclose(found.change, [[1.0, 0.1]] * 2, rtol=1e-12)
     assert (solver.asked, found.counts["fallback"].tolist()) == ([2], [0, 0])
 

@@ -107,6 +107,12 @@ def arrays_in(thing, seen=None):
 
 
 THREE = {"gradient": [[1.0, 2.0]] * 3, "jacobian": [[[1.0, 0.0]]] * 3}
+
+
+def geometric():
+    return ProblemBatch(**THREE, metric=[MATRIX, 2.0 * MATRIX, np.eye(2)], radius=[1.0, 2.0, 3.0])
+
+
 HOLDERS = {
     "a step": lambda: ConstrainedStep(metric=MATRIX),
     "a step in a diagonal metric": lambda: ConstrainedStep(metric=[1.0, 2.0], radius=1.0, formulation="restoring"),
@@ -116,6 +122,10 @@ HOLDERS = {
     ),
     "a member": lambda: ProblemBatch(**THREE).in_geometry(MATRIX, 1.0)[1],
     "a batch in one geometry": lambda: ProblemBatch(**THREE).in_geometry([1.0, 2.0], 1.0),
+    "every other": lambda: geometric()[::2],
+    "the chosen": lambda: geometric().chosen(np.array([True, False, True])),
+    "a stack": lambda: ProblemBatch.stack(list(geometric())),
+    "a trusted one": lambda: DirectionProblem.trusted(np.ones(2), np.ones((1, 2)), np.zeros(1), np.zeros(1, np.bool_)),
     "a whitening": lambda: DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=MATRIX).whitening,
 }
 COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda each: pickle.loads(pickle.dumps(each))}
@@ -138,6 +148,15 @@ def test_what_is_read_only_is_so_after_copying_and_unpickling(holder, how):
         assert (other, hash(other)) == (original, hash(original))
         linearization = Linearization([0.0, -1.0], [[1.0, 2.0], [1.0, -1.0]])
         np.testing.assert_array_equal(other(linearization, [0.0]).change, original(linearization, [0.0]).change)
+
+
+def test_a_copy_of_problems_is_the_same_in_arrays_of_its_own():
+    for problem in (geometric(), geometric()[1], ProblemBatch(**THREE).in_geometry([1.0, 2.0], None)):
+        copied = problem.copied()
+        for name in ("gradient", "jacobian", "bound", "equality", "metric", "radius"):
+            one, two = getattr(copied, name), getattr(problem, name)
+            np.testing.assert_array_equal(one, two)
+            assert not isinstance(two, np.ndarray) or not np.shares_memory(one, two)
 
 
 @pytest.mark.parametrize("kind", [DirectionProblem, ProblemBatch])

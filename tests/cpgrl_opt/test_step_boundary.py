@@ -1,7 +1,8 @@
-"""What a step makes of foreign solvers, of arrays as other libraries hand them out, and of numbers at the limits."""
+"""What a step makes of foreign solvers that claim, decline, fail or answer in other types; numbers at the limits."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -12,38 +13,22 @@ from cpgrl_opt import (
     ConstrainedStep,
     Direction,
     DirectionBatch,
+    DirectionProblem,
     Linearization,
+    ProblemBatch,
     Status,
+    WithGeometry,
+    solve_batch,
 )
-from cpgrl_opt.solvers import ActiveSet, WithGeometry
+from cpgrl_opt.solvers import ActiveSet, is_usable
 
-FORMULATION_NAMES = ["equality", "cone", "restoring"]
+from .steps import ACTIVE_ONLY, Claiming, drawn, plain, require_same
+
 LINEARIZATION = Linearization([0.0, -1.0, -0.5], [[1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 1.0, 1.0]])
 THRESHOLDS = [0.0, 0.0]
 
 
-@dataclass(frozen=True)
-class Claiming:
-    """Answers every problem with the same claim: of g, of NaN, or of infeasibility without proof."""
-
-    value: float | None
-    status: Status
-
-    def solve(self, problem):
-        value = problem.gradient if self.value is None else np.full(problem.n, self.value)
-        return Direction(value, np.ones(problem.m), self.status)
-
-
-@dataclass(frozen=True)
-class Honest:
-    """A third party's solver that is right."""
-
-    def solve(self, problem):
-        answer = SOLVERS["nnls"].solve(problem)
-        return Direction(answer.value, answer.multipliers, answer.status)
-
-
-@pytest.mark.parametrize("formulation", FORMULATION_NAMES)
+@pytest.mark.parametrize("formulation", ACTIVE_ONLY)
 @pytest.mark.parametrize(
     "liar", [Claiming(None, Status.OPTIMAL), Claiming(np.nan, Status.OPTIMAL), Claiming(None, Status.INFEASIBLE)]
 )
@@ -55,42 +40,23 @@ def test_a_foreign_claim_that_the_referee_rejects_falls_back(formulation, liar):
     assert result.counts["infeasible"] == 0
 
 
-def test_a_foreign_solver_that_is_right_is_believed():
-    result = ConstrainedStep(solver=Honest())(LINEARIZATION, THRESHOLDS)
-    np.testing.assert_allclose(result.change, ConstrainedStep()(LINEARIZATION, THRESHOLDS).change, atol=1e-12)
-    assert result.counts["fallback"] == 0
+def test_a_solver_whose_tolerance_lets_anything_pass_makes_no_step():
+    with pytest.raises(ValueError, match="tolerance should be a number in"):
+        plain(solver=Claiming(None, Status.OPTIMAL, tolerance=10))(LINEARIZATION, THRESHOLDS)
 
 
-@pytest.mark.parametrize("formulation", FORMULATION_NAMES)
-def test_read_only_gradients_are_taken(formulation):
-    values, gradients = LINEARIZATION.values.copy(), LINEARIZATION.gradients.copy()
-    step = ConstrainedStep(formulation=formulation)
-    expected = step(Linearization(values, gradients), THRESHOLDS).change
-    values.flags.writeable = gradients.flags.writeable = False
-    np.testing.assert_array_equal(step(Linearization(values, gradients), THRESHOLDS).change, expected)
+class SubclassOfOurs(ActiveSet):
+    """Not ours any more."""
+
+    def solve_batch(self, problems):
+        answers = super().solve_batch(problems)
+        return dataclasses.replace(answers, value=np.full_like(answers.value, 7.0))
 
 
-SCALES = pytest.mark.parametrize("scale", [1e-170, 1e-150, 1e150, 1e170])
-
-
-@SCALES
-@pytest.mark.parametrize("formulation", ["equality", "cone"])
-def test_tangents_scale_with_the_gradients_and_restorations_with_their_inverse(formulation, scale):
-    scaled = Linearization(LINEARIZATION.values, scale * LINEARIZATION.gradients)
-    for rates, factor in (((1.0, 0.0), scale), ((0.0, 1.0), 1.0 / scale)):
-        step = ConstrainedStep(formulation=formulation, step_size=rates[0], restoration_rate=rates[1])
-        found = step(scaled, THRESHOLDS)
-        np.testing.assert_allclose(found.change / factor, step(LINEARIZATION, THRESHOLDS).change, rtol=1e-12)
-        assert found.counts["fallback"] == found.counts["skipped"] == 0
-
-
-@SCALES
-def test_restoring_takes_gradients_of_any_scale(scale):
-    scaled = Linearization(LINEARIZATION.values, scale * LINEARIZATION.gradients)
-    found = ConstrainedStep(formulation="restoring")(scaled, THRESHOLDS)
-    assert found.counts["fallback"] == found.counts["skipped"] == 0
-    assert np.isfinite(found.change).all()
-    assert found.change.any()
+def test_a_subclass_of_a_solver_of_ours_is_put_before_the_referee():
+    result = ConstrainedStep(solver=SubclassOfOurs())(LINEARIZATION, THRESHOLDS)
+    np.testing.assert_array_equal(result.change, ConstrainedStep()(LINEARIZATION, THRESHOLDS).change)
+    assert result.counts["fallback"] == 2
 
 
 @dataclass(frozen=True)
@@ -136,61 +102,114 @@ def test_answers_of_any_type_and_order_are_taken(solver, metric):
         np.testing.assert_allclose(change, exact(many, THRESHOLDS).change, rtol=1e-5, atol=1e-9)
 
 
-class SubclassOfOurs(ActiveSet):
-    """Not ours any more."""
+@dataclass(frozen=True)
+class ConesOnly:
+    """Takes Jd ≥ 0, and is sure to be wrong elsewhere: it would call g optimal of anything with a bound."""
 
-    def solve_batch(self, problems):
-        answers = super().solve_batch(problems)
-        return dataclasses.replace(answers, value=np.full_like(answers.value, 7.0))
+    asked: list[DirectionProblem] = field(default_factory=list)
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        return bool(((problem.bound == 0.0) | (problem.bound == -np.inf)).all()) and not problem.equality.any()
+
+    def solve(self, problem: DirectionProblem) -> Direction:
+        assert self.supports(problem), "asked for what it does not take"
+        self.asked.append(problem)
+        return SOLVERS["active-set"].solve(problem)
 
 
-def test_a_subclass_of_a_solver_of_ours_is_put_before_the_referee():
-    result = ConstrainedStep(solver=SubclassOfOurs())(LINEARIZATION, THRESHOLDS)
-    np.testing.assert_array_equal(result.change, ConstrainedStep()(LINEARIZATION, THRESHOLDS).change)
-    assert result.counts["fallback"] == 2
+class ConesTogether(ConesOnly):
+    """The same with a `solve_batch` of its own."""
+
+    def solve_batch(self, problems) -> DirectionBatch:
+        return DirectionBatch.stack([self.solve(problem) for problem in problems])
 
 
-@pytest.mark.parametrize("settings", [{}, {"radius": 1.0}, {"metric": [1.0, 2.0]}, {"max_restoration": 1.0}])
-@pytest.mark.parametrize("solver", ["active-set", "nnls", "rosen-drop", Honest()], ids=str)
-def test_no_runs_are_no_changes(solver, settings):
-    if isinstance(solver, Honest) and {"radius", "metric"} & settings.keys():
-        solver = WithGeometry(solver)
-    for formulation in FORMULATION_NAMES:
-        step = ConstrainedStep(solver=solver, formulation=formulation, **settings)
-        result = step(Linearization(np.zeros((0, 3)), np.zeros((0, 3, 2))), THRESHOLDS)
-        assert (result.change.shape, result.stationary.shape) == ((0, 2), (0,))
+@pytest.mark.parametrize("kind", [ConesOnly, ConesTogether])
+@pytest.mark.parametrize("settings", [{}, {"metric": np.diag([1.0, 2.0, 3.0, 4.0, 5.0])}, {"radius": 0.1}])
+def test_only_what_it_takes_is_asked_and_the_rest_falls_back(settings, kind) -> None:
+    given = drawn(5, 2, 5, runs=(6,))
+    for formulation in ACTIVE_ONLY:
+        solver = kind()
+        foreign = WithGeometry(solver) if settings else solver
+        done, exact = (
+            plain(solver=each, formulation=formulation, **settings)(given, [1.0, 1.0])
+            for each in (foreign, "active-set")
+        )
+        np.testing.assert_allclose(done.change, exact.change, atol=1e-9)
+        assert 0 < done.counts["fallback"].sum() <= (2 if formulation == "equality" else 1) * 6
+        assert not done.counts["skipped"].any()
+        assert (formulation == "cone") == bool(solver.asked)
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize("bounds", [[0.0, 1.0, 0.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
+def test_a_batch_of_its_own_is_handed_what_it_takes_and_the_answers_stay_in_order(bounds, stacked) -> None:
+    solver = ConesTogether()
+    problems = [DirectionProblem([1.0, k], [[-1.0, 0.5]], bound) for k, bound in enumerate(bounds)]
+    answers = solve_batch(solver, ProblemBatch.stack(problems) if stacked else problems)
+    for answer, problem in zip(answers, problems, strict=True):
+        takes = solver.supports(problem)
+        assert answer.status == (Status.OPTIMAL if takes else Status.UNSUPPORTED)
+        expected = SOLVERS["active-set"].solve(problem).value if takes else np.zeros(2)
+        np.testing.assert_array_equal(answer.value, expected)
+    assert len(solver.asked) == bounds.count(0.0)
+    balls = [DirectionProblem([1.0, k], [[-1.0, 0.5]], radius=1.0) for k in range(3)]  # which it does not declare
+    assert [answer.status for answer in solve_batch(solver, balls)] == [Status.UNSUPPORTED] * 3
+
+
+def test_our_own_batches_decline_what_they_do_not_take_by_themselves() -> None:
+    """So that no loop over the problems stands before a compiled call."""
+    row = [[1.0, 0.0]]
+    mixed = [DirectionProblem([1.0, 2.0], row, *each) for each in ((), (0.0, True), (2.0,))]
+    by_themselves = [
+        each for each in SOLVERS.values() if is_usable(each) and getattr(each, "declines_by_itself", False)
+    ]
+    assert {SOLVERS["active-set"], SOLVERS["rosen"]} <= set(by_themselves)
+    for solver in (*by_themselves, WithGeometry(ConesTogether())):
+        for answer, problem in zip(solve_batch(solver, mixed), mixed, strict=True):
+            assert (answer.status == Status.UNSUPPORTED) == (not solver.supports(problem)), solver
+
+
+def test_what_a_solver_raises_goes_on() -> None:
+    def solve(_):
+        raise RuntimeError("no licence")
+
+    with pytest.raises(RuntimeError, match="no licence"):
+        ConstrainedStep(solver=SimpleNamespace(solve=solve))(LINEARIZATION, THRESHOLDS)
+
+
+def change(value, threshold, gradients, **settings):
+    with np.errstate(over="ignore"):
+        return ConstrainedStep(**settings)(Linearization([0.0, value], gradients), [threshold])
+
+
+STEEP = [[1e300, 1e300], [1.0, 0.0]]
 
 
 @pytest.mark.parametrize(
-    ("settings", "value", "threshold", "message"),
+    ("message", "make"),
     [
-        ({}, -1.7e308, 1.7e308, "values − thresholds should be finite"),
-        ({"formulation": "restoring", "step_size": 1e-200}, -1e200, 0.0, "slack, times restoration_rate / step_size"),
+        ("values − thresholds should be finite", lambda: change(-1.7e308, 1.7e308, [[1.0], [1.0]])),
+        (
+            "slack, times restoration_rate / step_size",
+            lambda: change(-1e200, 0.0, [[1.0], [1.0]], formulation="restoring", step_size=1e-200),
+        ),
+        ("step_size .* lower the rates", lambda: change(1.0, 0.0, STEEP, step_size=1e10)),
+        ("step_size .* lower the rates", lambda: change(1.0, 0.0, STEEP, step_size=1e10, formulation="cone")),
+        ("step_size .* lower the rates", lambda: change(1.0, 0.0, STEEP, step_size=1e10, formulation="restoring")),
+        (
+            "gradients should be finite where the metric is the identity",
+            lambda: change(-1.0, 0.0, [[1.0, 1.0], [1e200, 1.0]], metric=[1e-250, 1.0]),
+        ),
+        (
+            "in the units of the metric",
+            lambda: change(1.0, 0.0, [[1e160, 1.0], [0.0, 1.0]], metric=[1e-200, 1.0]),
+        ),
     ],
 )
-def test_a_slack_that_overflows_is_refused_by_its_name(settings, value, threshold, message):
-    with np.errstate(over="ignore"), pytest.raises(ValueError, match=message):
-        ConstrainedStep(**settings)(Linearization([0.0, value], [[1.0], [1.0]]), [threshold])
-
-
-@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
-def test_a_change_that_overflows_is_refused_with_what_to_lower(formulation):
-    step = ConstrainedStep(formulation=formulation, step_size=1e10)
-    steep = Linearization([0.0, 1.0], [[1e300, 1e300], [1.0, 0.0]])
-    with pytest.raises(FloatingPointError, match=r"step_size 1e\+10.*lower the rates"):
-        step(steep, [0.0])
-
-
-@pytest.mark.parametrize("runs", [(2,), (1, 2), (2, 1), (2, 2)])
-@pytest.mark.parametrize("order", [np.asfortranarray, lambda array: array[..., ::-1].copy()[..., ::-1]])
-def test_a_step_does_not_care_how_its_arrays_lie_in_memory(runs, order):
-    """V[:, columns] lies in Fortran order: a TypeError of numba, once."""
-    rng = np.random.default_rng(0)
-    values, gradients = -np.abs(rng.normal(size=(*runs, 4))), rng.normal(size=(*runs, 4, 3))
-    step, thresholds = ConstrainedStep(), np.zeros(3)
-    right = step(Linearization(values, gradients), thresholds)
-    found = step(Linearization(order(values), order(gradients)), thresholds)
-    assert found.change.tobytes() == right.change.tobytes()
+def test_what_overflows_is_refused_by_its_name(message, make):
+    with pytest.raises((ValueError, FloatingPointError), match=message):
+        make()
 
 
 def test_a_step_that_was_pickled_before_it_had_a_slack_fraction_still_steps():
@@ -199,5 +218,5 @@ def test_a_step_that_was_pickled_before_it_had_a_slack_fraction_still_steps():
     state = {name: value for name, value in vars(step).items() if name != "slack_fraction"}
     old = object.__new__(ConstrainedStep)
     old.__setstate__({**state, "_geometry": None, "_direct": (False, False, False, 0.1, 0.02, 1e-6, 1e-10)})
-    np.testing.assert_array_equal(old(LINEARIZATION, THRESHOLDS).change, step(LINEARIZATION, THRESHOLDS).change)
+    require_same(old(LINEARIZATION, THRESHOLDS), step(LINEARIZATION, THRESHOLDS))
     assert old.slack_fraction == 1.0

@@ -33,24 +33,11 @@ def test_a_multiplier_of_rounding_size_drops_no_constraint(drop, settings, raw):
         np.testing.assert_allclose(linearization.jacobian @ result.change, [1.0, 1.0], rtol=1e-9)
 
 
-def test_an_optimum_is_stationary_though_its_multipliers_round_to_either_sign():
-    for seed in range(12):
-        assert ConstrainedStep(drop="never")(opposed(seed), [0.0, 0.0]).stationary
-
-
 def test_what_is_a_hundred_times_rounding_still_drops():
     """λ₂‖J₂‖ = 1e-8 ‖Δ¹‖, positive."""
     climbing = Linearization([0.0, -1.0, -1.0], [[-1.0, 1e-8], [1.0, 0.0], [0.0, 1.0]])
     result = ConstrainedStep()(climbing, [0.0, 0.0])
     assert (result.counts["dropped"], bool(result.stationary)) == (1, False)
-
-
-@pytest.mark.parametrize("raw", [False, True])
-def test_rosens_drop_rule_does_not_obey_rounding_either(raw):
-    for seed in range(12):
-        rows = np.random.default_rng(seed).standard_normal((2, 4))
-        answer = RosenDrop(raw_multipliers=raw).solve(DirectionProblem(-rows[0], rows))
-        assert (answer.status, answer.iterations) == (Status.OPTIMAL, 0)
 
 
 def test_raw_multipliers_are_those_printed_whatever_rows_stand_beside():
@@ -61,14 +48,6 @@ def test_raw_multipliers_are_those_printed_whatever_rows_stand_beside():
     together = step(Linearization([values, values], [ordinary, tiny]), [0.0, 0.0]).change
     np.testing.assert_array_equal(together[0], step(Linearization(values, ordinary), [0.0, 0.0]).change)
     np.testing.assert_allclose(together[1], [1.0, 0.0], atol=1e-15)  # λ = (1e200, 1): the first goes
-
-
-def test_an_observer_keeps_what_it_saw():
-    climbing, seen = Linearization([0.0, -1.0], [[0.0, 1.0], [0.0, 1.0]]), []
-    result = ConstrainedStep()(climbing, [0.0], observe=lambda _, answers: seen.append((answers, answers.value.copy())))
-    assert result.counts["dropped"] == 1
-    for answers, value in seen:
-        np.testing.assert_array_equal(answers.value, value)
 
 
 def test_a_contradiction_that_is_dropped_is_counted_no_more():
@@ -172,7 +151,7 @@ def drawn(seed):
     return g, J, rng.integers(0, 4, size=m).astype(float), settings, rng
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_the_step_depends_neither_on_the_order_of_the_constraints_nor_on_the_solver(seed):
     """The drop rule's decisions least of all; rows depend in most of these problems."""
@@ -195,6 +174,7 @@ def test_the_step_depends_neither_on_the_order_of_the_constraints_nor_on_the_sol
         assert other.stationary == expected.stationary
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1))
 def test_at_kkt_points_nothing_is_dropped(seed):
     """Δ¹ = −Jᵀμ with μ ≥ 0."""
@@ -237,25 +217,6 @@ def test_rows_of_any_length_decide_alike(lengths):
             assert (result.counts["dropped"], bool(result.stationary)) == (dropped, dropped == 0)
 
 
-@pytest.mark.parametrize("drop", ["stationary", "always", "never"])
-@pytest.mark.parametrize("metric", [None, [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 3.0]]])
-def test_runs_that_drop_together_are_the_runs_one_by_one(drop, metric):
-    rng = np.random.default_rng(3)
-    rows = rng.integers(-2, 3, size=(16, 4, 3)).astype(float)
-    gradients = np.concatenate([(rng.integers(-2, 3, size=(16, 1, 4)) @ rows), rows], axis=1)
-    gradients[::7] *= 1e160
-    values = -rng.random((16, 5))
-    step = ConstrainedStep(drop=drop, metric=metric)
-    together = step(Linearization(values, gradients), np.zeros(4))
-    assert together.stationary.any()
-    assert together.counts["dropped"].any() == (drop != "never")
-    for k in range(16):
-        alone = step(Linearization(values[k], gradients[k]), np.zeros(4))
-        np.testing.assert_array_equal(together.change[k], alone.change)
-        assert together.counts["dropped"][k] == alone.counts["dropped"]
-        assert together.stationary[k] == alone.stationary
-
-
 @pytest.mark.parametrize("angle", [1e-2, 1e-6, 1e-10])
 def test_of_two_nearly_opposing_constraints_the_wrong_one_does_not_leave_with_the_right_one(angle):
     """λ₁ − λ₂ = ½ and λ₁ + λ₂ = 1/angle: nearly equal, but Δ¹ itself would break the second by ½."""
@@ -276,7 +237,7 @@ def test_rosens_drop_rule_takes_dependent_rows_in_any_order():
         np.testing.assert_allclose(answer.value, 0.0, atol=1e-15)
 
 
-@settings(max_examples=50)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_rosens_drop_rule_does_not_depend_on_the_order_of_the_rows(seed):
     g, J, _, _, rng = drawn(seed)
