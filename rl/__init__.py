@@ -16,6 +16,7 @@ from .learners import CPGRL, ConstraintSwitching, GradientWithRestoration, Learn
 from .parallel import map_runs
 from .policies import LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
 from .rollout import RolloutError
+from .sweeps import Sweep, sweep
 from .training import DivergenceError, Training, TrainingRecord, train, uniform_parameters
 
 __all__ = [
@@ -37,10 +38,12 @@ __all__ = [
     "Policy",
     "RolloutError",
     "SoftmaxTable",
+    "Sweep",
     "Training",
     "TrainingRecord",
     "WeightedSum",
     "map_runs",
+    "sweep",
     "train",
     "uniform_parameters",
 ]

@@ -40,12 +40,12 @@ def map_runs(
 def _run(task: Callable[[Sequence[int]], T], share: Sequence[int], parent: int) -> T:
     """task(share), in a process that ends with `parent` if it is its child."""
     if os.getpid() != parent and os.getppid() == parent:
-        _end_with(parent)
+        end_with(parent)
     return task(share)
 
 
 @cache
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
     """Ends this process at most a second after its parent.
 
     joblib's workers do not look: one whose task never ends would go on for ever. On Windows it still does, since there

@@ -41,7 +41,7 @@ def _solver(name: str) -> dict[str, Any]:
     facts: dict[str, Any] = {"settings": settings_of(solver)}
     packages = set(facts_of(solver).packages[:1])
     if name not in SOLVERS:
-        sources = sources_of(name.partition(":")[0], apart=__name__.partition(".")[0])
+        sources = sources_of(name.partition(":")[0], apart=[__name__.partition(".")[0]])
         distributions = packages_distributions() if sources.installed else {}
         facts["source"] = sources.digest
         packages |= {own for top in sources.installed for own in distributions.get(top, [top])}

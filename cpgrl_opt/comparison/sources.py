@@ -7,7 +7,7 @@ loads by other means than an import (a data file, a name put together at run tim
 import ast
 import hashlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,13 +28,13 @@ class Sources:
     installed: tuple[str, ...]
 
 
-def sources_of(module: str, *, apart: str = "") -> Sources:
-    """Sources of a module that can be imported. apart: a top-level name that is left out, with all it imports."""
+def sources_of(module: str, *, apart: Collection[str] = ()) -> Sources:
+    """Sources of a module that can be imported. apart: top-level names that are left out, with all they import."""
     own, found, installed = _top(module), dict[str, bytes](), set[str]()
     waiting, seen = list(_with_parents(module)), set[str]()
     while waiting:
         name = waiting.pop()
-        base = None if name in seen or _top(name) == apart else _base(_top(name))
+        base = None if name in seen or _top(name) in apart else _base(_top(name))
         seen.add(name)
         if base is None:
             continue

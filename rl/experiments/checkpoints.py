@@ -36,14 +36,19 @@ def experiment_key(experiment: str, settings: Any, packages: Iterable[str]) -> d
 
     settings: a dataclass; packages: names of those that it stands on.
     """
+    key = {"experiment": experiment, "settings": asdict(settings), "versions": versions(packages)}
+    found: dict[str, Any] = json.loads(json.dumps({**key, "sources": sources_digest()}))
+    return found
+
+
+def sources_digest() -> str:
+    """Of all sources of these packages."""
     digest = hashlib.sha256()
     for package in _PACKAGES:
         for folder in getattr(find_spec(package), "submodule_search_locations", None) or ():
             for source in sorted(Path(folder).rglob("*.py")):
                 digest.update(source.relative_to(folder).as_posix().encode() + b"\n" + source.read_bytes())
-    key = {"experiment": experiment, "settings": asdict(settings), "versions": versions(packages)}
-    found: dict[str, Any] = json.loads(json.dumps({**key, "sources": digest.hexdigest()}))
-    return found
+    return digest.hexdigest()
 
 
 def holds(place: Path, key: Mapping[str, Any]) -> bool:

@@ -186,17 +186,17 @@ def test_a_solver_s_source_is_that_of_all_it_imports_from_beside(folder: Path) -
     for name, text in {**TREE, "pack_a/unused.py": "", "unused_a.py": ""}.items():
         (folder / name).parent.mkdir(exist_ok=True, parents=True)
         (folder / name).write_text(text, encoding="utf-8")
-    before = sources_of("solver_a", apart="cpgrl_opt")
+    before = sources_of("solver_a", apart=["cpgrl_opt"])
     assert before.installed == ("numpy",)
     assert len(before.modules) == len(TREE)
     for name, text in TREE.items():
         (folder / name).write_text(f"{text}# mended\n", encoding="utf-8")
-        assert sources_of("solver_a", apart="cpgrl_opt") != before, name
+        assert sources_of("solver_a", apart=["cpgrl_opt"]) != before, name
         (folder / name).write_text(text, encoding="utf-8")
-        assert sources_of("solver_a", apart="cpgrl_opt") == before, name
+        assert sources_of("solver_a", apart=["cpgrl_opt"]) == before, name
     for name in ("pack_a/unused.py", "unused_a.py"):
         (folder / name).write_text("x = 1\n", encoding="utf-8")
-    assert sources_of("solver_a", apart="cpgrl_opt") == before
+    assert sources_of("solver_a", apart=["cpgrl_opt"]) == before
 
 
 def test_what_cannot_be_read_as_python_counts_by_its_bytes(folder: Path) -> None:

@@ -1,0 +1,120 @@
+"""Where the trainings of a sweep run: joblib's backends loky (processes here), Dask and Ray."""
+
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from importlib.util import find_spec
+from typing import Any, TypeVar
+
+from cpgrl_opt.validation import require_count, require_member
+
+from ..parallel import end_with
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_ROUND = 4  # tasks a worker between two looks at the results, where joblib cannot hand them over one by one
+
+
+class MissingEngineError(ImportError):
+    """The package of an engine is not installed; the message says what to type."""
+
+
+def unordered(
+    task: Callable[[Item], Result], items: Sequence[Item], *, engine: str = "loky", jobs: int = 1
+) -> Iterator[Result]:
+    """task(item) of each item, as they end.
+
+    Parameters
+    ----------
+    task
+        Pickled by value where it is a function of a script or of a notebook.
+    engine
+        "loky": processes of this machine, and with one job this process itself. "dask": the current
+        `distributed.Client`, or a `LocalCluster` of `jobs` processes for the time of this call. "ray": the cluster that
+        Ray is connected to, or one of `jobs` processes here.
+    jobs
+        Processes, where the cluster is not given.
+
+    Raises
+    ------
+    ValueError
+        For an unknown engine, or no job.
+    MissingEngineError
+        Where its package is missing.
+    """
+    require_count("jobs", jobs)
+    require_member("engine", engine, tuple(ENGINES))
+    if engine == "loky" and min(jobs, len(items)) <= 1:
+        return map(task, items)
+    return _in_workers(task, items, engine, jobs)
+
+
+def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, jobs: int) -> Iterator[Any]:
+    from joblib import Parallel, delayed, parallel_config
+
+    with ExitStack() as stack:
+        stack.enter_context(ENGINES[engine](jobs))
+        stack.enter_context(parallel_config(backend=engine, n_jobs=-1 if engine != "loky" else jobs))
+        hand_over = Parallel(return_as="list")._backend.supports_return_generator
+        workers = stack.enter_context(Parallel(return_as="generator_unordered" if hand_over else "list"))
+        size = len(items) if hand_over else _ROUND * workers._effective_n_jobs()
+        for start in range(0, len(items), size):
+            yield from workers(delayed(_carry_out)(task, item, os.getpid()) for item in items[start : start + size])
+
+
+def _carry_out(task: Callable[[Any], Any], item: Any, parent: int) -> Any:
+    """task(item), in a process that ends with `parent` if it is its child."""
+    if os.getpid() != parent and os.getppid() == parent:
+        end_with(parent)
+    return task(item)
+
+
+@contextmanager
+def _loky(jobs: int) -> Iterator[None]:  # noqa: ARG001 - like the others
+    yield
+
+
+@contextmanager
+def _dask(jobs: int) -> Iterator[None]:
+    _require("distributed", "dask")
+    from distributed import Client, LocalCluster, get_client
+
+    with ExitStack() as stack:
+        try:
+            get_client()
+        except ValueError:  # nobody is connected to a cluster
+            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+            stack.enter_context(Client(stack.enter_context(cluster)))
+        yield
+
+
+@contextmanager
+def _ray(jobs: int) -> Iterator[None]:
+    _require("ray", "ray")
+    import ray
+    from ray.util.joblib import register_ray
+
+    register_ray()
+    is_ours = not ray.is_initialized()
+    if is_ours:
+        path = {"env_vars": {"PYTHONPATH": os.pathsep.join(sys.path)}}
+        ray.init(
+            num_cpus=jobs, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR, runtime_env=path
+        )
+    try:
+        yield
+    finally:
+        if is_ours:
+            ray.shutdown()
+
+
+ENGINES: dict[str, Callable[[int], AbstractContextManager[None]]] = {"loky": _loky, "dask": _dask, "ray": _ray}
+
+
+def _require(package: str, extra: str) -> None:
+    if find_spec(package) is None:
+        words = f"engine {extra!r} needs a package that is not installed; type: pip install 'cpgrl-opt[{extra}]'"
+        raise MissingEngineError(words)

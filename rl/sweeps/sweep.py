@@ -1,0 +1,150 @@
+"""`rl.sweep`: a training for each of many settings and seeds, in one tidy table."""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from cpgrl_opt.validation import require_count
+
+from ..streams import run_indices
+from ..training import TrainingRecord
+from .cell import Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, key_of
+from .engines import unordered
+from .store import rows_of, store
+
+_OURS = ("seed", "run", "episode", "channel", "error")
+
+
+def estimates(record: TrainingRecord) -> dict[str, Any]:
+    """ρ as the estimator carries it, (B, 1 + m), under the name `value`."""
+    return {"value": record.estimate.values}
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What a sweep found: `columns` and `rows` of its table.
+
+    `pandas.DataFrame(found.rows)` is the table. trained: how many cells were trained now, the others had been before.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Mapping[str, Any]]
+    trained: int
+
+    @property
+    def failed(self) -> list[Mapping[str, Any]]:
+        """The rows of trainings that ended with an error."""
+        return [row for row in self.rows if row["error"]]
+
+
+def sweep(
+    training: TrainingFunction,
+    settings: Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]],
+    *,
+    seeds: int | Sequence[int] = 5,
+    every: int = 100,
+    measure: Measure = estimates,
+    out: Path | str | None = None,
+    engine: str = "loky",
+    jobs: int = 1,
+    listen: Callable[[int, int, Outcome], object] | None = None,
+) -> Sweep:
+    """training(**settings, seed=seed) for all settings and seeds; the rows do not depend on engine and jobs.
+
+    Parameters
+    ----------
+    training
+        Returns a `Training`, or what `train` returns, drawing from nothing but the seed. Its parameters are the
+        settings' names, and `seed`.
+    settings
+        Values by name, all of whose combinations are trained, the last name changing fastest; or a list of
+        combinations.
+    seeds
+        How many (0, 1, …), or which. The same seed has the same streams under all settings.
+    every
+        Episodes between two records of a training; the last episode is always recorded.
+    measure
+        What is recorded: arrays (B, 1 + m) by name, of the B runs of a training. ρ̂ if not given.
+    out
+        Folder: `sweep.csv`, the table, when all is done; `outcomes.jsonl` keeps each training as it ends. The same call
+        goes on where it was stopped or killed. A training whose settings, seed or sources have changed is a new one.
+        Trainings that ended with an error are tried again.
+    engine, jobs
+        As `unordered` says.
+    listen
+        Called as each training ends: how many are done, of how many, its outcome.
+
+    Returns
+    -------
+    Sweep
+        A row for each setting, seed, run, recorded episode and channel, in the order of settings and seeds. A training
+        that raises has one row, with its `error` and the last `episode` that it reached; the others go on.
+
+    Raises
+    ------
+    ValueError
+        For settings that are none, that training does not take or whose names are columns of the table; for seeds,
+        every, engine, jobs; for a folder that cannot be made.
+    FolderInUseError, MissingEngineError
+        See there.
+    """
+    require_count("every", every)
+    points = _points(settings)
+    _require_taken(training, points)
+    context = context_of(training, measure, every)
+    cells = [Cell(point, seed, key_of(point, seed, context)) for point in points for seed in _seeds(seeds)]
+    with store(None if out is None else Path(out)) as kept:
+        missing = list({cell.key: cell for cell in cells if cell.key not in kept.found}.values())
+        ended = dict(kept.found)
+        done = len(cells) - len(missing)
+        for outcome in unordered(partial(carry_out, training, measure, every), missing, engine=engine, jobs=jobs):
+            kept.add(outcome)
+            ended[outcome.key], done = outcome, done + 1
+            if listen is not None:
+                listen(done, len(cells), outcome)
+        names = list(dict.fromkeys(name for cell in cells for name in ended[cell.key].values))
+        columns = [*points[0], "seed", "run", "episode", "channel", *names, "error"]
+        rows = [row for cell in cells for row in rows_of(cell, ended[cell.key], names)]
+        kept.write(columns, rows)
+    return Sweep(columns, rows, len(missing))
+
+
+def _points(settings: Any) -> list[dict[str, Any]]:
+    """The combinations; ValueError unless all have the same names."""
+    if isinstance(settings, Mapping):
+        for name, values in settings.items():
+            if isinstance(values, str) or not isinstance(values, Sequence) or not values:
+                raise ValueError(f"settings[{name!r}] should be a list of values, one at least; found {values!r}")
+        points = [dict(zip(settings, values, strict=True)) for values in product(*settings.values())]
+    else:
+        points = [dict(point) for point in settings] if _is_listed(settings) else []
+    if not points or any(list(point) != list(points[0]) for point in points):
+        raise ValueError(f"settings should be lists by name, or dicts of the same names; found {settings!r}")
+    if taken := [name for name in points[0] if name in _OURS]:
+        raise ValueError(f"settings should not be named {', '.join(_OURS)}; found {', '.join(taken)}")
+    return points
+
+
+def _is_listed(settings: Any) -> bool:
+    return isinstance(settings, Sequence) and all(isinstance(point, Mapping) for point in settings)
+
+
+def _require_taken(training: Any, points: Sequence[Mapping[str, Any]]) -> None:
+    if not callable(training):
+        raise ValueError(f"training should be a function of the settings and a seed; found {training!r}")
+    try:
+        inspect.signature(training).bind(**points[0], seed=0)
+    except TypeError as error:
+        names = ", ".join([*points[0], "seed"])
+        raise ValueError(f"training should take {names}: {error}") from error
+
+
+def _seeds(seeds: int | Sequence[int]) -> Iterator[int]:
+    try:
+        return iter(run_indices(seeds))
+    except ValueError as error:
+        raise ValueError(str(error).replace("runs should", "seeds should")) from error

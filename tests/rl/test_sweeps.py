@@ -1,0 +1,174 @@
+"""A sweep is one tidy table, the same whatever it ran on, that goes on where it was stopped."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep
+from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
+from envs import ThreeStateMDP
+from rl import CPGRL, GPOMDP, SoftmaxTable, sweep, train
+
+GRID = {"solver": ["rosen", "active-set"], "threshold": [-0.1, 0.0]}
+
+
+@pytest.fixture
+def training():
+    """A function that workers get by value: they cannot import a file of tests."""
+
+    def short(solver, threshold, seed):
+        if (solver, threshold, seed) == ("rosen", 0.0, 1):
+            raise RuntimeError("the environment\nbroke")
+        learner = CPGRL(ConstrainedStep(solver=solver), [threshold] * 3)
+        return train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(steps=20), learner, episodes=25, runs=2, seed=seed)
+
+    return short
+
+
+@pytest.fixture
+def counted(training):
+    """The same here, and the calls of it."""
+    calls = []
+
+    def counting(**settings):
+        calls.append(settings)
+        return training(**settings)
+
+    counting.calls = calls
+    return counting
+
+
+def read(folder):
+    with (folder / "sweep.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_row_for_each_setting_seed_run_episode_and_channel(training, tmp_path):
+    found = sweep(training, GRID, seeds=[1, 4], every=10, out=tmp_path)
+    keys = [tuple(row[name] for name in found.columns[:-2]) for row in found.rows if not row["error"]]
+    assert keys == [
+        (solver, threshold, seed, run, episode, channel)
+        for solver in GRID["solver"] for threshold in GRID["threshold"] for seed in (1, 4)
+        if (solver, threshold, seed) != ("rosen", 0.0, 1)
+        for run in range(2) for episode in (10, 20, 25) for channel in range(4)
+    ]  # fmt: skip
+    *_, last = training("active-set", 0.0, 4)
+    assert [row["value"] for row in found.rows[-4:]] == last.estimate.values[1].tolist()
+    assert [{name: str(value) for name, value in row.items()} for row in found.rows] == read(tmp_path)
+
+
+def test_a_broken_training_is_a_row_with_its_error(training):
+    found = sweep(training, GRID, seeds=2)
+    (row,) = found.failed
+    assert (row["solver"], row["threshold"], row["seed"], row["value"]) == ("rosen", 0.0, 1, "")
+    assert row["error"] == "RuntimeError: the environment broke"
+
+
+def test_two_processes_make_the_same_bytes(training, tmp_path):
+    for jobs in (1, 2):
+        sweep(training, GRID, seeds=2, out=tmp_path / str(jobs), jobs=jobs)
+    assert (tmp_path / "1" / "sweep.csv").read_bytes() == (tmp_path / "2" / "sweep.csv").read_bytes()
+
+
+def test_it_trains_only_what_is_new_and_what_failed(counted, tmp_path):
+    first = sweep(counted, GRID, seeds=2, out=tmp_path)
+    counted.calls.clear()
+    again = sweep(counted, GRID, seeds=2, out=tmp_path)
+    assert (again.rows, counted.calls) == (first.rows, [{"solver": "rosen", "threshold": 0.0, "seed": 1}])
+    counted.calls.clear()
+    sweep(counted, {"solver": ["active-set"], "threshold": [0.0, -0.2]}, seeds=[1], out=tmp_path)
+    assert counted.calls == [{"solver": "active-set", "threshold": -0.2, "seed": 1}]
+    assert sweep(counted, GRID, seeds=2, every=7, out=tmp_path).trained == 8
+
+
+def test_a_line_that_a_killed_process_left_torn_is_trained_again(training, tmp_path):
+    whole = sweep(training, GRID, seeds=2, out=tmp_path)
+    outcomes = tmp_path / "outcomes.jsonl"
+    outcomes.write_bytes(b"not ours\n" + outcomes.read_bytes()[:-100])
+    again = sweep(training, GRID, seeds=2, out=tmp_path)
+    assert (again.rows, again.trained) == (whole.rows, 2)  # the torn one and the one that fails
+    assert sweep(training, GRID, seeds=2, out=tmp_path).trained == 1
+
+
+def test_what_ended_is_kept_when_the_sweep_is_interrupted(training, tmp_path):
+    def interrupt(done, of, outcome):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(training, GRID, seeds=2, out=tmp_path, listen=interrupt)
+    assert len((tmp_path / "outcomes.jsonl").read_text(encoding="utf-8").splitlines()) == 3
+    assert sweep(training, GRID, seeds=2, out=tmp_path).trained == 5
+
+
+def test_other_measures_are_columns_and_other_settings_text(training):
+    def measure(record):
+        return {"value": record.estimate.values, "largest": np.abs(record.estimate.gradients).max(axis=2)}
+
+    def listed(sizes, seed):
+        return training("rosen", sizes[0], seed)
+
+    found = sweep(listed, [{"sizes": [-0.1, 1]}], seeds=1, measure=measure)
+    assert found.columns == ["sizes", "seed", "run", "episode", "channel", "value", "largest", "error"]
+    assert json.loads(found.rows[0]["sizes"]) == [-0.1, 1]
+    assert all(row["largest"] > 0 for row in found.rows)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"settings": {"solver": []}}, "a list of values"),
+        ({"settings": {"solver": "rosen"}}, "a list of values"),
+        ({"settings": [{"solver": "rosen"}, {"threshold": 0}]}, "dicts of the same names"),
+        ({"settings": 3}, "dicts of the same names"),
+        ({"settings": {"rate": [1]}}, "training should take rate, seed"),
+        ({"settings": {"channel": [1]}}, "should not be named"),
+        ({"seeds": [1, 1]}, "seeds should be indices that differ"),
+        ({"every": 0}, "every should be"),
+        ({"jobs": 0}, "jobs should be"),
+        ({"engine": "spark"}, "engine should be one of loky, dask, ray"),
+        ({"training": 3}, "training should be a function"),
+        ({"out": "/dev/null/folder"}, "out should be a directory"),
+        ({"out": "x" * 300}, "out should be a directory"),
+    ],
+)
+def test_bad_input_is_refused(training, changed, words):
+    asked = {"training": training, "settings": GRID, **changed}
+    with pytest.raises(ValueError, match=words):
+        sweep(asked.pop("training"), asked.pop("settings"), **asked)
+
+
+@pytest.mark.parametrize(
+    ("episodes", "measured", "words"),
+    [(0, [[1.0]], "one episode at least"), (1, [1.0], "measure should return arrays (1, channels)")],
+)
+def test_a_training_without_a_record_is_an_error_of_its_own(episodes, measured, words):
+    def none(seed):
+        learner = CPGRL(ConstrainedStep(), [0.0] * 3)
+        return train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(), learner, episodes=episodes, runs=1, seed=seed)
+
+    (row,) = sweep(none, {}, seeds=1, measure=lambda _: {"value": measured}).rows
+    assert words in row["error"]
+
+
+def test_a_folder_has_one_writer(training, tmp_path):
+    found = []
+
+    def ask(done, of, outcome):
+        import threading
+
+        def other():
+            try:
+                with locked_folder(tmp_path):
+                    found.append("entered")
+            except FolderInUseError as error:
+                found.append(str(error))
+
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+
+    sweep(training, {"solver": ["rosen"], "threshold": [-0.1]}, seeds=1, out=tmp_path, listen=ask)
+    assert "is being written to by" in found[0]
