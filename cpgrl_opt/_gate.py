@@ -104,7 +104,8 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
         return None
     rows = tuple(map(read_only, rows)) if isinstance(rows, tuple) else real_view("jacobian", rows, 2)
     view = ArrayVectors(real_view("gradient", gradient, 1), rows)
-    _require_gradient_shape(view.gradient, shape)
+    if len(view.gradient) != shape[1]:
+        require_shape("gradient", view.gradient, shape[1:])
     return view
 
 

@@ -33,7 +33,6 @@ convex. With one they are sufficient too, the problem being convex; but which of
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -165,7 +164,7 @@ def kkt_residuals(problem: DirectionProblem, direction: HasValueAndMultipliers) 
     """
     require_problem(problem)
     if problem.is_tree:
-        mu, kappa = problem.vectors.agree(partial(_forces_of, problem, direction))
+        mu, kappa = problem.vectors.agree(_forces_of, problem, direction)
     else:
         mu, kappa = _forces_of(problem, direction)
     d = direction.value if problem.is_tree else problem.row_of(direction.value)

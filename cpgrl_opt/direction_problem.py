@@ -99,12 +99,10 @@ class DirectionProblem(Arrays):
             g, J, b, E = check_arrays(gradient, jacobian, bound, equality, 1)
             long = type(jacobian) is not np.ndarray and is_long(*J.shape)
             vars(self).update(gradient=g, jacobian=J, bound=b, equality=E, is_long=long)
-            n = len(g)
         else:
-            n, look = vectors.shape[1], partial(self._look_at, vectors, bound, equality, metric, radius)
-            metric = vectors.agree(look)[-1]
+            metric = vectors.agree(self._look_at, vectors, bound, equality, metric, radius)[-1]
         if metric is not None:
-            self.set_metric(*check_metric(metric, n, metric_tolerance, metric_iterations))
+            self.set_metric(*check_metric(metric, self.n, metric_tolerance, metric_iterations))
         if radius is not None:
             require_positive("radius", radius)
             vars(self).update(radius=float(radius))
@@ -126,12 +124,12 @@ class DirectionProblem(Arrays):
         vectors.require_finite()
         if radius is not None:
             require_positive("radius", radius)
-        vars(self).update(bound=b, equality=E, is_long=True, _vectors=vectors, _given_metric=metric)
-        vars(self).update(is_tree=not isinstance(vectors, ArrayVectors))
-        if isinstance(vectors, ArrayVectors) or not vectors.has_rows:
-            vars(self).update(gradient=vectors.gradient)
+        own, is_array = vars(self), isinstance(vectors, ArrayVectors)
+        own.update(bound=b, equality=E, is_long=True, _vectors=vectors, _given_metric=metric, is_tree=not is_array)
+        if is_array or not vectors.has_rows:
+            own["gradient"] = vectors.gradient
             if not isinstance(vectors.jacobian, tuple):
-                vars(self).update(jacobian=vectors.jacobian)
+                own["jacobian"] = vectors.jacobian
         if metric is not None:
             metric = metric_of_rows(vectors, metric)
         return b, E, radius, metric
@@ -179,15 +177,14 @@ class DirectionProblem(Arrays):
     @property
     def vectors(self) -> Any:  # Vectors, of arrays LeafVectors
         """g and the rows, as the reduction to their span looks at them; keeps their inner products."""
-        known = vars(self).get("_vectors")
-        if known is None or (isinstance(known, ArrayVectors) and not self._is_of(known)):
-            known = vars(self)["_vectors"] = ArrayVectors(self.gradient, self.jacobian)
+        own = vars(self)
+        known = own.get("_vectors")
+        if type(known) is ArrayVectors:  # others may have been put in place of its arrays; not there: rows apart
+            is_same = known.gradient is own["gradient"] and known.jacobian is own.get("jacobian", known.jacobian)
+            known = known if is_same or type(known.jacobian) is tuple else None
+        if known is None:
+            known = own["_vectors"] = ArrayVectors(self.gradient, self.jacobian)
         return known
-
-    def _is_of(self, vectors: ArrayVectors) -> bool:
-        """Whether nobody has put other arrays in their place."""
-        rows = vars(self).get("jacobian", vectors.jacobian)  # not there: rows apart
-        return vectors.gradient is self.gradient and (vectors.jacobian is rows or isinstance(vectors.jacobian, tuple))
 
     @property
     def n(self) -> int:

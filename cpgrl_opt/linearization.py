@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -36,7 +36,7 @@ class Linearization:
     def __init__(self, values: ArrayLike, gradients: ArrayLike | Vectors) -> None:
         # Not copied: an estimator makes fresh arrays for every episode, and a copy each would cost more than a step.
         if isinstance(gradients, Vectors):  # maybe of several processes
-            gradients.agree(partial(self._take_apart, values, gradients))
+            gradients.agree(self._take_apart, values, gradients)
             return
         values = real_values("values", values)
         if type(gradients) is not np.ndarray or gradients.dtype != np.float64:

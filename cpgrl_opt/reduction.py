@@ -29,7 +29,7 @@ EXACT = 1e-12  # what the first rung adds to an answer at the most where its gat
 # the certificate finds a pass too late.
 _APART = 1e4
 # g's squared distance from the rows' span, over g·g: PΔ¹ has no digit left where it is eps.
-_OUT_OF_SPAN = 1e-8
+OUT_OF_SPAN = 1e-8
 # Rung 2: a row depends on others where no more of its square is left: 1e-13 of its length, as in the exact solver. K in
 # pairs leaves 2⁻¹⁰⁰ or so of exact dependence, and of g 2⁻⁹⁷/√p after a pivot p.
 _RANK, _ROUNDING = 1e-26, 2.0**-97
@@ -44,7 +44,7 @@ _ROUGH_RANK = 1e-12
 _DEPENDENT = 1e-12
 # Squared lengths beyond these leave float64, or lose digits as subnormal numbers.
 _LEAST, _MOST = 1e-280, 1e280
-GATES = np.array([_LEAST, _MOST, _APART, _OUT_OF_SPAN])  # of rung 1, for compiled code
+GATES = _LEAST, _MOST, _APART  # of rung 1, for compiled code
 
 
 # What leaves float64 on the way is found at the end: no warning, whatever the caller's `np.errstate`.
@@ -159,7 +159,7 @@ def _factor(K: Pair, scales: np.ndarray, lengths: np.ndarray) -> tuple[Pair, np.
     inverse = np.linalg.inv(C[:rank, :rank]) * (lengths / scales)[basis]
     if not np.square(inverse).sum() <= _APART:
         return None
-    if len(order) > rank and not C[rank, rank] ** 2 >= _OUT_OF_SPAN * A[rank, rank]:
+    if len(order) > rank and not C[rank, rank] ** 2 >= OUT_OF_SPAN * A[rank, rank]:
         return None
     L = np.zeros(K.hi.shape)
     L[order, : len(order)] = C

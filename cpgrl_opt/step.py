@@ -85,8 +85,8 @@ class ConstrainedStep(StepSettings):
         if not isinstance(linearization, Linearization):
             raise ValueError(f"linearization should be a Linearization; found {linearization!r}")
         if linearization.is_tree:
-            look = partial(self._slack_and_active, linearization, thresholds, previous, observe)
-            slack, active = linearization.vectors[0].agree(look)
+            given = linearization, thresholds, previous, observe
+            slack, active = linearization.vectors[0].agree(self._slack_and_active, *given)
         else:
             slack, active = self._slack_and_active(linearization, thresholds, previous, observe)
         if self.metric is None and not linearization.is_tree and not linearization.is_long:

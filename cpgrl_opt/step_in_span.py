@@ -7,7 +7,6 @@ K = V Vᵀ for long gradients, K = V M⁻¹ Vᵀ in an operator's metric. Both r
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ def step_in_span(
     """By the first rung that is exact enough, else on the rows, if there are any; `observe` sees what it is made of."""
     seen: list[tuple[ProblemBatch, DirectionBatch]] = []
     see = None if observe is None else lambda *pair: seen.append(pair)
-    result: StepResult = vectors.attempt(partial(_step_in_span, on_rows, vectors, slack, active, step_size, seen, see))
+    result: StepResult = vectors.attempt(_step_in_span, on_rows, vectors, slack, active, step_size, seen, see)
     for pair in seen:  # after the last message, since what an observer raises is of its own process alone
         observe(*pair)
     return result

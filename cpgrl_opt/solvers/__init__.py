@@ -5,7 +5,6 @@ A new solver is a frozen dataclass of settings with a core, `solve_small(small) 
 """
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from types import MappingProxyType
 
 from ..direction import Direction, DirectionBatch
@@ -63,7 +62,7 @@ def solve(problem: DirectionProblem, solver: DirectionSolver | str = "active-set
     Direction : d, its multipliers, and a status that stands.
     """
     require_problem(problem)
-    solver = problem.vectors.attempt(partial(find_solver, solver)) if problem.is_tree else find_solver(solver)
+    solver = problem.vectors.attempt(find_solver, solver) if problem.is_tree else find_solver(solver)
     return solver.solve(problem) if type(solver) in TRUSTED else ask_and_certify(solver, problem)
 
 

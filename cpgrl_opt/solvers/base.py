@@ -32,7 +32,8 @@ class Solver(RowSolver):
             if problem.metric is not None or problem.radius is not None:
                 return solve_in_geometry(self, problem)
             if problem.is_long:
-                return solve_in_span(self.solve_rows, problem, self.tolerance, is_exact=self.tangent is False)
+                is_exact, work = self.tangent is False, problem.vectors.attempt
+                return work(solve_in_span, self.solve_rows, problem, self.tolerance, is_exact)  # type: ignore[no-any-return]
             return self.solve_rows(problem)
         except Exception:
             require_packages(self)  # whose import may be what raised

@@ -63,7 +63,8 @@ def solve_in_geometry(solver: RowSolver, problem: DirectionProblem) -> Direction
     if not solver.supports(problem):
         return unsupported(problem)
     if problem.metric is None and problem.is_long:
-        return solve_in_span(partial(_solve_whole, solver), problem, solver.tolerance, is_exact=False)
+        whole = partial(_solve_whole, solver)
+        return problem.vectors.attempt(solve_in_span, whole, problem, solver.tolerance)  # type: ignore[no-any-return]
     return _solve_whole(solver, problem)
 
 

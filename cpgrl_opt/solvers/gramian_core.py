@@ -10,22 +10,20 @@ import numpy as np
 
 from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem
-from ..reduction import EXACT, GATES
+from ..reduction import EXACT, GATES, OUT_OF_SPAN
 from ..vectors import REPRESENTABLE
 from .compiled._gramian_core import judge, weigh
 
 
 def solve_by_gramian(problem: DirectionProblem, vectors: Any, tolerance: float) -> Direction | None:
     """The certified direction; None where the problem is not usual. M = I, no radius."""
-    m, report = len(problem.bound), np.empty(4)
-    K, work, index, weights = vectors.gramian(), np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
-    weigh.run(K, problem.bound, problem.equality, GATES, work, index, weights, report)
-    changes = int(report[0])
+    K, m = vectors.gramian(), len(problem.bound)
+    work, index, weights = np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
+    changes = weigh.run(K, problem.bound, problem.equality, *GATES, work, index, weights)
     if changes < 0:
         return None
     value, sums = vectors.combine_usually(weights)
-    judge.run(K, problem.equality, GATES, work, index, sums, report)
-    parts = report.tolist()
+    parts = judge.run(K, problem.equality, OUT_OF_SPAN, work, index, sums)
     if not max(parts) <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
         return None
     residuals = tuple.__new__(KKTResiduals, parts)  # as in `exact_core`

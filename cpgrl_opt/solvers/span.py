@@ -6,9 +6,7 @@ is solved on the rows as they are.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -29,28 +27,17 @@ _CANCELLED = 1e-13
 
 
 def solve_in_span(
-    solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float, *, is_exact: bool
+    solve: Callable[[DirectionProblem], Direction],
+    problem: DirectionProblem,
+    tolerance: float,
+    is_exact: bool = False,
 ) -> Direction:
     """The problem in coordinates, by `solve`; mapped back, and certified at the tolerance. M = I.
 
-    solve: of short problems, and of long ones as a last resort. is_exact: it is the exact core and there is no ball:
-    then the usual problem needs no coordinates.
+    To be called by the vectors' `attempt`. solve: of short problems, and of long ones as a last resort. is_exact: it is
+    the exact core and there is no ball: then the usual problem needs no coordinates.
     """
-    vectors = problem.vectors
-    work = partial(_solve_in_span, solve, problem, vectors, tolerance, is_exact=is_exact)
-    found: Direction = vectors.attempt(work)
-    return found
-
-
-def _solve_in_span(
-    solve: Callable[[DirectionProblem], Direction],
-    problem: DirectionProblem,
-    vectors: Any,
-    tolerance: float,
-    *,
-    is_exact: bool,
-) -> Direction:
-    left = None
+    vectors, left = problem.vectors, None
     if not (problem.is_tree and vectors.has_rows and not is_long(*vectors.shape)):  # a short tree is a short problem
         usual = solve_by_gramian(problem, vectors, tolerance) if is_exact and "gramian" in RUNGS else None
         if usual is not None:

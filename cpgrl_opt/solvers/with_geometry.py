@@ -61,7 +61,8 @@ class WithGeometry(Solver):
 def ask_and_certify(solver: DirectionSolver, problem: DirectionProblem) -> Direction:
     """What somebody's solver says of a problem, with the status that the referee leaves it; UNSUPPORTED, unasked."""
     if problem.is_tree and not problem.vectors.has_rows:
-        return solve_in_span(partial(ask_and_certify, solver), problem, tolerance_of(solver), is_exact=False)
+        whole, tolerance = partial(ask_and_certify, solver), tolerance_of(solver)
+        return problem.vectors.attempt(solve_in_span, whole, problem, tolerance)  # type: ignore[no-any-return]
     if not supports(solver, problem):
         return unsupported(problem)
     answer = certify(problem, ask(solver, problem), tolerance_of(solver), infeasible_direction)

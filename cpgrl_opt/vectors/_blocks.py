@@ -47,15 +47,17 @@ def _pass(*arguments: str) -> Any:
     return lambda function: {dtype: CompiledLate(signature.format(code), function) for dtype, code in _DTYPES.items()}
 
 
-@_pass("Array({0}, 2, 'A', readonly=True)", "i8[:, ::1]")
-def locate(rows: Any, places: Any) -> None:
-    """The first places ← address, bytes from one number to the next, numbers, and bytes of one; of each row.
+@_pass("Array({0}, 1, 'A', readonly=True)", "Array({0}, 2, 'A', readonly=True)", "i8[:, ::1]")
+def locate(vector: Any, rows: Any, places: Any) -> None:
+    """The first places ← address, bytes from one number to the next, numbers, bytes of one; of the vector, each row.
 
     NumPy's `__array_interface__` takes several times as long: it describes what nobody reads.
     """
+    places[0, 0], places[0, 1] = vector.ctypes.data, vector.strides[0]
     for i in range(rows.shape[0]):
-        places[i, 0], places[i, 1] = rows.ctypes.data + i * rows.strides[0], rows.strides[1]
-        places[i, 2], places[i, 3] = rows.shape[1], rows.itemsize
+        places[1 + i, 0], places[1 + i, 1] = rows.ctypes.data + i * rows.strides[0], rows.strides[1]
+    for i in range(1 + rows.shape[0]):
+        places[i, 2], places[i, 3] = vector.shape[0], vector.itemsize
 
 
 @_pass(f"UniTuple(Array({{0}}, 1, 'C', readonly=True), {MANY})", "i8[::1]")

@@ -1,7 +1,6 @@
 """Arrays in this process's memory: of g and of the rows of J, in any order of storage, in one leaf or many."""
 
 import math
-from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import accumulate, pairwise
 from typing import Any
@@ -45,9 +44,9 @@ class LeafVectors(Vectors):
 
     has_rows = True
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Without what was found: the arrays of a copy lie elsewhere."""
-        return {"gradient": self.gradient, "jacobian": self.jacobian}
+        return type(self), (self.gradient, self.jacobian)
 
     @property
     def leaves(self) -> tuple[Leaf, ...]:
@@ -165,7 +164,7 @@ class LeafVectors(Vectors):
             places = np.empty((len(spans), 4), np.int64)
             for place, (leaf, _, _) in zip(places, spans, strict=True):
                 part = parts[leaf]
-                _blocks().locate[part.dtype].machine_code(part[None], place[None])
+                _blocks().locate[part.dtype].machine_code(part, part[None][:0], place[None])
             _blocks().combine[dtype].machine_code(_LIKE[dtype], where, *nothing, forces, places, sums)
         return sums
 
@@ -198,44 +197,54 @@ def addresses(arrays: list[np.ndarray]) -> np.ndarray:
 
 def _locate(g: np.ndarray, J: np.ndarray | tuple[np.ndarray, ...]) -> np.ndarray:
     """(1 + m, 4): of each vector its address, bytes from number to number, numbers, and bytes of one."""
-    where, start, dtype = np.empty((1 + len(J), 4), np.int64), 0, g.dtype
+    where, dtype = np.empty((1 + len(J), 4), np.int64), g.dtype
     if dtype not in _LIKE:
         raise ValueError(f"vectors should be of float64, float32 or bfloat16; found {dtype}")
+    for rows in [J] if isinstance(J, np.ndarray) else J:
+        if rows.dtype != dtype or rows.shape[-1] != len(g):  # what lies at an address nobody checks again
+            raise ValueError(f"vectors should be of {len(g)} numbers of {dtype}; found {rows.dtype}, {rows.shape[-1]}")
     locate = _blocks().locate[dtype].machine_code
-    for rows in [g[None], J] if isinstance(J, np.ndarray) else [row[None] for row in (g, *J)]:
-        if rows.dtype != dtype or rows.shape[1] != len(g):  # what lies at an address nobody checks again
-            raise ValueError(f"vectors should be of {len(g)} numbers of {dtype}; found {rows.dtype}, {rows.shape[1]}")
-        locate(rows, where[start:])
-        start += len(rows)
+    if isinstance(J, np.ndarray):
+        locate(g, J, where)
+    else:
+        for k, row in enumerate((g, *J)):
+            locate(row, row[None][:0], where[k:])
     return where
 
 
-@dataclass(frozen=True, eq=False)
 class ArrayVectors(LeafVectors):
-    """g (n,) and J, one array (m, n) or its rows apart."""
+    """g (n,) and J, one array (m, n) or its rows apart.
 
-    gradient: Vector
-    jacobian: Jacobian | tuple[Vector, ...]
+    At n = 10⁶ and one constraint Python's part is a twentieth of a direction's time: so there are few calls.
+    """
+
+    shape: tuple[int, int] = (0, 0)  # no properties, as they are of leaves
+    _groups: list[Group] = []  # noqa: RUF012 - each has its own
+
+    def __init__(self, gradient: Vector, jacobian: Jacobian | tuple[Vector, ...]) -> None:
+        self.gradient, self.jacobian, self.shape = gradient, jacobian, (len(jacobian), len(gradient))
+        self._groups = [(gradient.dtype, [(0, 0, len(gradient))], _locate(gradient, jacobian)[None])]
 
     @property
     def leaves(self) -> tuple[Leaf, ...]:
         """One."""
         return ((self.gradient, self.jacobian),)
 
-    @cached_property
-    def shape(self) -> tuple[int, int]:
-        """(m, n)."""
-        return len(self.jacobian), len(self.gradient)
+    def require_finite(self) -> None:
+        """Seen in K, but where squares overflow."""
+        if not math.isfinite(sum(self.gramian().diagonal().tolist())):
+            super().require_finite()
 
-    @cached_property
-    def _groups(self) -> list[Group]:
-        """One, without a loop: at n = 10⁶ and one constraint Python's part is a twentieth of a direction's time."""
-        g = self.gradient
-        return [(g.dtype, [(0, 0, len(g))], _locate(g, self.jacobian)[None])]
+    def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
+        """In one pass."""
+        [(dtype, _, where)] = self._groups
+        d, sums = np.empty(self.shape[1], dtype), np.zeros(1 + len(weights))
+        _blocks().combine[dtype].machine_code(d, where, weights, _NO_WEIGHTS, weights, _NO_PLACES, sums)
+        return d, sums
 
     def whole_gradient(self) -> Vector:
         """It is g."""
-        return self.gradient
+        return self.gradient  # type: ignore[no-any-return]
 
     def from_row(self, row: Vector) -> Any:
         """It is d."""

@@ -73,21 +73,21 @@ class Sharded(Vectors):
         """Else it would not be here."""
         return True
 
-    def agree(self, work: Callable[[], Any]) -> Any:
+    def agree(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """ValueError on all ranks, too, where they return unlike numbers."""
         found: list[Any] = []
 
         def find() -> tuple[np.ndarray, Any]:
-            found.extend(work())
+            found.extend(work(*arguments))
             return np.concatenate([np.ravel(each) for each in found if each is not None]), ()
 
         self._sum(_AGREE, find)
         return found
 
-    def attempt(self, work: Callable[[], Any]) -> Any:
+    def attempt(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """An error that is no answer to what another rank said is told to them."""
         try:
-            return work()
+            return work(*arguments)
         except Exception as error:
             if error is not self._known:
                 self._sum(_AGREE, partial(_raise, error))

@@ -80,13 +80,13 @@ class Vectors:
         if not self.are_finite():
             raise ValueError("gradient and jacobian should be finite, and their squares too; found NaN or infinity")
 
-    def agree(self, work: Callable[[], Any]) -> Any:
+    def agree(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """What work returns, arrays and None; where vectors lie in several processes, an error on one is one on all."""
-        return work()
+        return work(*arguments)
 
-    def attempt(self, work: Callable[[], Any]) -> Any:
+    def attempt(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """What work returns; an error is one on all processes when they look at their vectors next."""
-        return work()
+        return work(*arguments)
 
     def row_of(self, direction: Any, name: str = "direction.value") -> Any:  # noqa: ARG002
         """d as one array of float64 where the kind has rows, else d."""

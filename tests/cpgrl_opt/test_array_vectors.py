@@ -83,15 +83,15 @@ def test_a_copy_looks_at_its_own_arrays(again: Callable[[ArrayVectors], ArrayVec
 @pytest.mark.parametrize("dtype", [np.float16, np.int64, ">f8"])
 def test_only_floats_of_one_length_are_looked_at(dtype: Any) -> None:
     g, J = np.ones(9), np.ones((2, 9))
-    for vectors in (
-        ArrayVectors(g.astype(dtype), J),
-        ArrayVectors(g, J.astype(dtype)),
-        ArrayVectors(g, (J[0], J[1].astype(dtype))),
-        ArrayVectors(g[:8], J),
-        ArrayVectors(g, (J[0], J[1, :8])),
+    for given in (
+        (g.astype(dtype), J),
+        (g, J.astype(dtype)),
+        (g, (J[0], J[1].astype(dtype))),
+        (g[:8], J),
+        (g, (J[0], J[1, :8])),
     ):
         with pytest.raises(ValueError, match="vectors should be of"):
-            vectors.gramian()
+            ArrayVectors(*given)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ with the direct pass's own search for the active set. Compiled always: numbers a
 
 from math import inf, sqrt
 
+import numpy as np
+
 from . import _exchange as at
 from ._direct import measure
 from ._entry_point import READ, entry_point, inlined
@@ -45,43 +47,40 @@ def is_well_apart(gram, factor, small, state, order, apart):
     return total <= apart
 
 
-@entry_point(f"void({_SQUARE}, {_VECTOR}, {_TRUTHS}, {_VECTOR}, f8[:, ::1], i8[:, ::1], f8[::1], f8[::1])")
-def weigh(K, bound, equality, gates, work, index, weights, report):
-    """(1, μ) into weights, exchanges into report; −1 there where rung "gramian" is shut, or a search does not end.
+@entry_point(f"i8({_SQUARE}, {_VECTOR}, {_TRUTHS}, f8, f8, f8, f8[:, ::1], i8[:, ::1], f8[::1])")
+def weigh(K, bound, equality, least, most, apart, work, index, weights):
+    """(1, μ) into weights; how many exchanges, −1 where rung "gramian" is shut, or a search does not end.
 
-    gates: the least and the largest square, and what `is_well_apart` asks for. work: (8 + 2m, m), index: (2, m), for
-    `judge` to read.
+    least, most: squares; apart: what `is_well_apart` asks for. work: (8 + 2m, m), index: (2, m), for `judge` to read.
     """
     m = len(bound)
     small, gram, factor, state, order = work[:8], work[8 : 8 + m], work[8 + m :], index[0], index[1]
-    report[0] = -1.0
-    if not scale_gramian(K, bound, gates[0], gates[1], gram, small, state):
-        return
-    if not is_well_apart(gram, factor, small, state, order, gates[2]):
-        return
+    if not scale_gramian(K, bound, least, most, gram, small, state):
+        return -1
+    if not is_well_apart(gram, factor, small, state, order, apart):
+        return -1
     for i in range(m):
         state[i] = at.OUTSIDE if state[i] == at.INSIDE and not equality[i] else state[i]
     size, changes = find_active_set(True, gram, factor, small, state, order, equality, 0)
-    if size >= 0:
-        report[0] = changes
-        weights[:] = 0.0
-        weights[0] = 1.0
-        for k in range(size):
-            i = order[k]
-            small[at.MU, i] = small[at.X, k]
-            weights[i + 1] = small[at.X, k] * small[at.SCALE, i]
+    weights[:] = 0.0
+    weights[0] = 1.0
+    for k in range(size):
+        i = order[k]
+        small[at.MU, i] = small[at.X, k]
+        weights[i + 1] = small[at.X, k] * small[at.SCALE, i]
+    return changes if size >= 0 else -1
 
 
-@entry_point(f"void({_SQUARE}, {_TRUTHS}, {_VECTOR}, f8[:, ::1], i8[:, ::1], {_VECTOR}, f8[::1])")
-def judge(K, equality, gates, work, index, sums, report):
+@entry_point(f"UniTuple(f8, 4)({_SQUARE}, {_TRUTHS}, f8, f8[:, ::1], i8[:, ::1], {_VECTOR})")
+def judge(K, equality, out_of_span, work, index, sums):
     """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`.
 
-    So where d·d is less than gates[3] of g·g: it is what rounding of K leaves of it.
+    So where d·d is less than out_of_span of g·g: it is what rounding of K leaves of it.
     """
-    small, state, sigma = work[:8], index[0], sqrt(max(K[0, 0], sums[len(sums) - 1]))
+    small, state, sigma, parts = work[:8], index[0], sqrt(max(K[0, 0], sums[len(sums) - 1])), np.zeros(4)
     for i in range(len(equality)):
         if state[i] != at.OFF:
             small[at.SLACK, i] = sums[i + 1] * small[at.SCALE, i] - small[at.BOUND, i]
-    worst = measure(small, state, equality, 0, sqrt(sums[0]), sigma, report)
-    if not (worst < inf and sums[len(sums) - 1] >= gates[3] * K[0, 0]):
-        report[0] = inf
+    worst = measure(small, state, equality, 0, sqrt(sums[0]), sigma, parts)
+    is_trusted = worst < inf and sums[len(sums) - 1] >= out_of_span * K[0, 0]
+    return parts[0] if is_trusted else inf, parts[1], parts[2], parts[3]
