@@ -65,14 +65,9 @@ def test_a_path_begins_at_its_start_moves_as_the_arm_and_ends_at_what_it_touched
     np.testing.assert_array_equal(path.angles[0], STARTS[0])
     assert (np.abs(np.diff(path.angles, axis=0)) <= ARM.dt * ARM.max_speed + 1e-12).all()
     touched = ARM.touched(ARM.forward_kinematics(path.angles))
-    assert path.touched == "square"
-    assert touched[-1] == 3
-    assert not touched[:-1].any()
-
-
-def test_a_path_without_a_touch_takes_all_the_time():
-    arm = TwoLinkArm(max_steps=5)
-    path = arm_path(arm, arm_policy(arm), STARTS[3], np.random.default_rng(0))
+    assert (path.touched, touched[-1], touched[:-1].any()) == ("square", 3, False)
+    short = TwoLinkArm(max_steps=5)
+    path = arm_path(short, arm_policy(short), STARTS[3], np.random.default_rng(0))
     assert (path.touched, len(path.angles)) == ("none", 6)
 
 
@@ -84,14 +79,11 @@ def test_the_typical_path_has_median_length_among_those_that_end_as_most_do(monk
     assert (path.touched, len(path.angles)) == ("square", 7)
 
 
-def test_ends_from_all_around_are_counted_per_hundred_episodes():
+def test_ends_from_all_around_are_counted_per_hundred_episodes_and_the_typical_run_is_nearest_to_the_mean():
     ends = touched_from(ARM, [homing()], STARTS, np.random.default_rng(1))
+    assert list(ends) == [*ARM.events, "none"]
     assert ends["square"] >= 70
     assert sum(ends.values()) == pytest.approx(100)
-    assert list(ends) == [*ARM.events, "none"]
-
-
-def test_the_typical_run_is_the_one_nearest_to_the_mean():
     learned = curves(runs=3)
     learned.touches[:] = np.array([[100, 0, 0, 0, 0], [60, 0, 40, 0, 0], [30, 0, 70, 0, 0]])[:, None]
     assert typical_run(learned) == 1

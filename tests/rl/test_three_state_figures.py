@@ -1,24 +1,36 @@
 """Figures drawn from known curves show those numbers: bands, optimum, thresholds, triangles and paths."""
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 from envs import ThreeStateMDP
-from rl.experiments.figure_style import paper_style
+from rl.experiments.figure_style import blank_figure, panel_letter, paper_style, save_figure
 from rl.experiments.three_state import METHODS
 from rl.experiments.three_state.curves import LearningCurves
 from rl.experiments.three_state.figures import LABELS, averages_figure, policies_figure
 
 EPISODES = np.arange(0, 501, 100)
+OPTIMUM, THRESHOLDS = np.array([0.7, 0.1, 0.2, 0.3]), np.array([0.05, 0.15, 0.25])
+# As somebody's matplotlibrc may have it.
+ODD = {
+    "axes.grid": True,
+    "axes.facecolor": "black",
+    "lines.linestyle": "--",
+    "savefig.bbox": "tight",
+    "savefig.transparent": True,
+    "svg.fonttype": "none",
+    "figure.subplot.left": 0.4,
+}
 
 
 @pytest.fixture(scope="module")
 def curves():
     rng = np.random.default_rng(0)
-    mdp = ThreeStateMDP()
     policies = rng.dirichlet(np.ones(3), size=(4, 4, len(EPISODES), 3))
+    averages = ThreeStateMDP().average_rewards
     return {
-        method: LearningCurves(EPISODES, rng.normal(size=(4, len(EPISODES), 4)), mdp.average_rewards(own), own)
+        method: LearningCurves(EPISODES, rng.normal(size=(4, len(EPISODES), 4)), averages(own), own)
         for method, own in zip(METHODS, policies, strict=True)
     }
 
@@ -27,61 +39,55 @@ def line(axes, label):
     return next(each for each in axes.get_lines() if each.get_label() == label)
 
 
-def test_fig4_shows_means_optimum_and_thresholds(curves):
-    optimum, thresholds = np.array([0.7, 0.1, 0.2, 0.3]), np.array([0.05, 0.15, 0.25])
-    figure = averages_figure(curves, optimum, thresholds)
+def test_fig4_shows_means_bands_optimum_and_thresholds(curves):
+    figure = averages_figure(curves, OPTIMUM, THRESHOLDS)
     panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
     assert len(panels) == 4
     for channel, axes in enumerate(panels):
         for method, label in LABELS.items():
             mean = curves[method].estimated[:, :, channel].mean(axis=0)
             np.testing.assert_allclose(line(axes, label).get_xydata(), np.column_stack([EPISODES, mean]))
-        assert line(axes, "exact constrained optimum").get_ydata()[0] == optimum[channel]
+        assert line(axes, "exact constrained optimum").get_ydata()[0] == OPTIMUM[channel]
         shaded = [patch for patch in axes.patches if patch.get_label() == "constraint violated"]
-        assert len(shaded) == (channel > 0)
-        if shaded:
-            assert shaded[0].get_y() + shaded[0].get_height() == pytest.approx(thresholds[channel - 1])
-
-
-def test_fig4_bands_are_one_standard_deviation_wide(curves):
-    figure = averages_figure(curves, np.zeros(4), np.zeros(3))
-    band = figure.axes[0].collections[0].get_paths()[0].vertices
-    values = curves["cpgrl"].estimated[:, :, 0]
-    middle, deviation = values.mean(axis=0)[2], values.std(axis=0, ddof=1)[2]
+        assert [patch.get_y() + patch.get_height() for patch in shaded] == pytest.approx(THRESHOLDS[:channel][-1:])
+    band = panels[0].collections[0].get_paths()[0].vertices
+    values = curves["cpgrl"].estimated[:, 2, 0]
     at_episode = band[band[:, 0] == EPISODES[2], 1]
-    assert at_episode.min() == pytest.approx(middle - deviation)
-    assert at_episode.max() == pytest.approx(middle + deviation)
+    ends = values.mean() + np.array([-1, 1]) * values.std(ddof=1)
+    assert [at_episode.min(), at_episode.max()] == pytest.approx(ends)
 
 
-def test_fig5_paths_are_the_policies_of_method_and_state(curves):
-    figure = policies_figure(curves, ThreeStateMDP())
-    for row, method in enumerate(curves):
-        for state in range(3):
-            lines = figure.axes[3 * row + state].get_lines()
-            drawn = [tuple(map(tuple, each.get_xydata())) for each in lines]
-            for run in curves[method].policies[:, :, state, :2]:
-                assert tuple(map(tuple, run)) in drawn
-            assert tuple(map(tuple, curves[method].policies[:, :, state, :2].mean(axis=0))) in drawn
-
-
-def test_fig5_grey_is_the_exact_average_reward(curves):
+def test_fig5_paths_are_the_policies_and_grey_is_the_exact_average_reward(curves):
     mdp = ThreeStateMDP()
     figure = policies_figure(curves, mdp)
-    final = curves["conb"].policies[:, -1].mean(axis=0)
-    for state in range(3):
-        grey = figure.axes[3 + state].get_images()[0].get_array()
-        corners = {(0, -1): [1, 0, 0], (-1, 0): [0, 1, 0], (0, 0): [0, 0, 1]}
-        for corner, probabilities in corners.items():
-            policy = final.copy()
-            policy[state] = probabilities
-            assert grey[corner] == pytest.approx(mdp.average_rewards(policy)[0])
+    corners = {(0, -1): [1, 0, 0], (-1, 0): [0, 1, 0], (0, 0): [0, 0, 1]}
+    for row, learned in enumerate(curves.values()):
+        for state in range(3):
+            axes = figure.axes[3 * row + state]
+            drawn = [each.get_xydata() for each in axes.get_lines()]
+            paths = learned.policies[:, :, state, :2]
+            for path in (*paths, paths.mean(axis=0)):
+                assert any(np.array_equal(path, each) for each in drawn)
+            grey = axes.get_images()[0].get_array()
+            for corner, probabilities in corners.items():
+                policy = learned.policies[:, -1].mean(axis=0)
+                policy[state] = probabilities
+                assert grey[corner] == pytest.approx(mdp.average_rewards(policy)[0])
 
 
-def test_drawing_leaves_matplotlibs_settings_alone(curves):
-    import matplotlib
+def test_a_users_matplotlibrc_changes_no_byte_and_is_not_changed(tmp_path):
+    def draw(name):
+        (tmp_path / name).mkdir()
+        with paper_style():
+            figure = blank_figure(3.0, 2.0)
+            axes = figure.subplots()
+            axes.plot(np.arange(5) ** 2, label="squares")
+            axes.legend()
+            panel_letter(axes, "a", "title")
+            return [path.read_bytes() for path in save_figure(figure, tmp_path / name, "figure")]
 
-    before = dict(matplotlib.rcParams)
-    with paper_style():
-        assert matplotlib.rcParams["font.family"] == ["STIXGeneral"]
-        averages_figure(curves, np.zeros(4), np.zeros(3))
-    assert dict(matplotlib.rcParams) == before
+    plain = draw("plain")
+    with mpl.rc_context(ODD):
+        before = dict(mpl.rcParams)
+        assert draw("odd") == plain
+        assert dict(mpl.rcParams) == before
