@@ -42,11 +42,11 @@ PATIENCE = 120.0  # s; kernels that have to be compiled anew take up to one minu
 
 _REFEREE = ("certify", "violation", "infeasible_claims", "kkt_geometry", "residuals_*", "feasibility_*")
 _CORES = ("compiled_*", "interpreted_kernels", "solvers_*", "climb_*", "direction_batch", "infeasible_claims")
-_LONG = ("array_vectors", "reduction", "long_*", "rows_apart", "usual_*", "vectors_*", "every_kind_*", "step_in_span")
+_LONG = ("compiled_sums", "reduction", "long_*", "vectors_*", "every_kind_*", "step_in_span")
 # Modules, as patterns, and the tests that are about them.
 TESTS = {
     ("cpgrl_opt/*problem.py", "cpgrl_opt/*gate.py", "cpgrl_opt/validation.py", "cpgrl_opt/linearization.py"): (
-        *("problem", "gate", "rows_apart"),
+        *("problem", "gate", "long_storage"),
     ),
     ("cpgrl_opt/certify.py", "cpgrl_opt/_evidence.py", "cpgrl_opt/_violation.py", "cpgrl_opt/answers.py"): _REFEREE,
     ("cpgrl_opt/scaling.py", "cpgrl_opt/compensated.py", "cpgrl_opt/direction.py"): ("problem", "reduction", *_REFEREE),

@@ -1,50 +1,18 @@
 """Long vectors are read where they lie, in any storage, and as they are when they are read."""
 
+import copy
 import pickle
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.vectors import _numpy as array_vectors
+from cpgrl_opt import SOLVERS, DirectionProblem, Linearization, Status, kkt_residuals
 
+from .long import at_angle, distance, drawn_problem, on_rows
+
+pytestmark = pytest.mark.usefixtures("every_problem_is_long")
 ACTIVE_SET = SOLVERS["active-set"]
 WIDE = np.random.default_rng(3).standard_normal((8, 300))
-
-
-@pytest.fixture(autouse=True)
-def every_problem_is_long(monkeypatch):
-    monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", 0)
-
-
-@contextmanager
-def on_rows():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(array_vectors, "LEAST_PRODUCTS", 10**18)
-        yield
-
-
-def drawn_problem(seed, equality=False):
-    """Rows well apart, about half of them tight at the optimum."""
-    rng = np.random.default_rng(seed)
-    return DirectionProblem(
-        rng.standard_normal(80), rng.standard_normal((4, 80)), 0.2 * rng.standard_normal(4), equality
-    )
-
-
-def distance(first, second):
-    """‖d − d′‖ over the longer one."""
-    size = max(np.linalg.norm(first.value), np.linalg.norm(second.value)) or 1.0
-    return np.linalg.norm(first.value - second.value) / size
-
-
-def nearly_opposing(n):
-    """g and two rows 1e-6 rad from opposing each other, both of which bind; and a third."""
-    first, second, third, fourth = np.linalg.qr(np.random.default_rng(5).standard_normal((n, 4)))[0].T
-    other = np.sin(1e-6) * second - np.cos(1e-6) * first
-    return np.array([fourth - 2.0 * second - third - 0.3 * first, 5.0 * first, 3.0 * other, third - 0.4 * first])
-
 
 STORED = {
     "transposed": lambda V: (V[0], np.asfortranarray(V[1:])),
@@ -52,9 +20,9 @@ STORED = {
     "every second row": lambda V: (V[0], np.repeat(V[1:], 2, axis=0)[::2]),
     "every second column": lambda V: (np.repeat(V[0], 2)[::2], np.repeat(V[1:], 2, axis=1)[:, ::2]),
     "part of a longer array": lambda V: (V[0], np.hstack([V[1:], V[1:]])[:, : V.shape[1]]),
-    "one array": lambda V: (V[0], V[1:]),
     "gradient apart": lambda V: (V.T.copy()[:, 0], V[1:]),
     "read-only": lambda V: tuple(np.frombuffer(part.tobytes()).reshape(part.shape) for part in (V[0], V[1:])),
+    "rows apart": lambda V: (V[0], [row.copy() for row in V[1:]]),
 }
 
 
@@ -63,61 +31,88 @@ STORED = {
 def test_storage_of_any_strides_gives_the_answer_of_a_contiguous_copy(storage, columns):
     V = np.random.default_rng(3).standard_normal((4, columns))
     g, J = STORED[storage](V)
-    before = g.copy(), J.copy()
+    before = g.copy(), np.array(J)
     problem = DirectionProblem(g, J, [0.1, -0.2, 0.3])
     assert np.shares_memory(problem.gradient, g)
-    assert np.shares_memory(problem.jacobian, J)
-    assert not problem.gradient.flags.writeable
-    assert not problem.jacobian.flags.writeable
+    assert storage == "rows apart" or np.shares_memory(problem.jacobian, J)
     for name in ("active-set", "nnls"):
         answer = SOLVERS[name].solve(problem)
         plain = SOLVERS[name].solve(DirectionProblem(V[0].copy(), V[1:].copy(), [0.1, -0.2, 0.3]))
         assert answer.rung == plain.rung == "gramian"
-        assert distance(answer, plain) <= 1e-14
+        assert distance(problem, answer, plain) <= 1e-14
         assert answer.multipliers == pytest.approx(plain.multipliers, rel=1e-12, abs=1e-14)
         assert not np.shares_memory(answer.value, g)
-    assert (g == before[0]).all()
-    assert (before[1] == J).all()
+    np.testing.assert_array_equal(g, before[0])
+    np.testing.assert_array_equal(J, before[1])
+    assert ("jacobian" in vars(problem)) == (storage != "rows apart")  # which are put together when asked for
+    np.testing.assert_array_equal(problem.jacobian, J)
+    assert not problem.gradient.flags.writeable
+    assert not problem.jacobian.flags.writeable
+    sizes = np.linspace(1.0, 4.0, columns)
+    in_metric, plain = (
+        ACTIVE_SET.solve(DirectionProblem(V[0], rows, [0.1, -0.2, 0.3], metric=sizes)).value for rows in (J, V[1:])
+    )
+    np.testing.assert_allclose(in_metric, plain, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("storage", STORED)
 def test_storage_of_any_strides_is_read_in_pairs_and_by_the_referee_too(storage):
-    g, J = STORED[storage](nearly_opposing(9000))
+    g, J = STORED[storage](np.vstack(at_angle(1e-6, n=9000)))
     problem = DirectionProblem(g, J)
     answer = ACTIVE_SET.solve(problem)
     assert answer.rung == "pairs"
     plain = ACTIVE_SET.solve(DirectionProblem(g.copy(), np.array(J, order="C")))
-    assert distance(answer, plain) <= 1e-14
+    assert distance(problem, answer, plain) <= 1e-14
     found = kkt_residuals(problem, answer)
     with on_rows():
         assert found.worst == pytest.approx(kkt_residuals(DirectionProblem(g, J), answer).worst, abs=1e-14)
 
 
-def test_rows_as_a_list_and_single_precision_give_the_answer_of_an_array_in_double():
+def test_single_precision_gives_the_rounded_answer_of_an_array_in_double():
     single = WIDE[:4].astype(np.float32)
     V = single.astype(np.float64)
     plain = ACTIVE_SET.solve(DirectionProblem(V[0], V[1:]))
-    for given_ in ((V[0], list(V[1:])), (V[0].tolist(), V[1:].tolist())):
-        assert distance(ACTIVE_SET.solve(DirectionProblem(*given_)), plain) <= 1e-15
     answer = ACTIVE_SET.solve(DirectionProblem(single[0], single[1:]))
     np.testing.assert_array_equal(answer.value, plain.value.astype(np.float32))
 
 
-def test_short_problems_are_copied_as_before():
+def test_short_problems_are_copied():
     with on_rows():
-        problem = DirectionProblem(WIDE[0], WIDE[1:4])
-        assert not np.shares_memory(problem.jacobian, WIDE)
+        assert not np.shares_memory(DirectionProblem(WIDE[0], WIDE[1:4]).jacobian, WIDE)
     few = WIDE[:, :16]
     assert not np.shares_memory(DirectionProblem(few[0], few[1:4]).jacobian, WIDE)  # n = 4 (1 + m)
 
 
-def test_a_long_problem_survives_pickling_read_only():
-    problem = drawn_problem(1)
-    again = pickle.loads(pickle.dumps(problem))
-    for name in ("gradient", "jacobian", "bound", "equality"):
-        assert (getattr(problem, name) == getattr(again, name)).all()
-        assert not getattr(again, name).flags.writeable
-    assert (ACTIVE_SET.solve(again).value == ACTIVE_SET.solve(problem).value).all()
+@pytest.mark.parametrize("storage", ["transposed", "rows apart"])
+def test_copies_and_pickles_own_the_same_arrays_read_only(storage):
+    g, J = STORED[storage](WIDE[:4])
+    problem = DirectionProblem(g, J, [0.1, -0.2, 0.3])
+    expected = ACTIVE_SET.solve(problem).value
+    for make in (copy.copy, copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each)), DirectionProblem.copied):
+        again = make(problem)
+        for name in ("gradient", "jacobian", "bound", "equality"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(problem, name))
+        assert not np.shares_memory(again.jacobian, WIDE)
+        np.testing.assert_allclose(ACTIVE_SET.solve(again).value, expected, rtol=0, atol=1e-14)
+    linearization = Linearization(np.zeros(4), WIDE[:4])
+    assert len(pickle.dumps(linearization)) < 1.2 * WIDE[:4].nbytes
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(linearization)).gradients, WIDE[:4])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda rows: [*rows[:4], rows[4][:-1]], "rectangular"),
+        (lambda rows: [*rows[:4], np.full(300, np.nan)], "finite"),
+        (lambda rows: [*rows[:4], np.full(300, -np.inf)], "finite"),
+        (lambda rows: np.vstack([*rows[:4], np.full(300, np.nan)]), "jacobian should be finite; found nan"),
+        (lambda rows: [row[:-1] for row in rows], "gradient should have shape"),
+        (lambda rows: [row.astype(np.float32) for row in rows], "gradient's kind, arrays of float64; found float32"),
+    ],
+)
+def test_bad_rows_are_refused(spoil, message):
+    with pytest.raises(ValueError, match=message):
+        DirectionProblem(WIDE[0], spoil(WIDE[1:6]))
 
 
 CHANGES = {
@@ -146,10 +141,9 @@ def test_arrays_that_change_under_a_problem_never_make_a_wrong_answer_optimal(ch
         assert answer.status not in (Status.OPTIMAL, Status.INFEASIBLE)
         return
     with on_rows():
-        fresh = DirectionProblem(V[0], V[1:], [0.2, 0.4, -0.3])
-        right = ACTIVE_SET.solve(fresh)
+        right = ACTIVE_SET.solve(DirectionProblem(V[0], V[1:], [0.2, 0.4, -0.3]))
     assert answer.status == right.status
-    assert distance(answer, right) <= 1e-13
+    assert distance(problem, answer, right) <= 1e-13
 
 
 def test_arrays_that_change_under_a_problem_do_not_stay_infeasible():
