@@ -40,7 +40,7 @@ ROOT = Path(__file__).parents[1]
 COPIED = ("cpgrl_opt", "rl", "envs", "tests", "benchmarks")
 PATIENCE = 120.0  # s; kernels that have to be compiled anew take up to one minute
 
-_REFEREE = ("certify", "violation", "infeasible_claims", "kkt_geometry", "residuals_*", "feasibility_*")
+_REFEREE = ("certify", "violation", "infeasible_claims", "kkt_geometry", "residuals_*", "feasibility")
 _CORES = ("compiled_*", "interpreted_kernels", "solvers_*", "climb_*", "direction_batch", "infeasible_claims")
 _LONG = ("compiled_sums", "reduction", "long_*", "vectors_*", "every_kind_*", "step_in_span")
 # Modules, as patterns, and the tests that are about them.
@@ -60,7 +60,7 @@ TESTS = {
     (
         *("cpgrl_opt/solvers/geometry.py", "cpgrl_opt/solvers/*trust_region.py", "cpgrl_opt/solvers/ball_*.py"),
         *("cpgrl_opt/solvers/with_geometry.py", "cpgrl_opt/solvers/compiled/_trust_region.py"),
-    ): ("geometry", "balls_*", "climb_*", "metric_*", "feasibility_*", "step_geometry", "step_linearized"),
+    ): ("geometry", "balls_*", "climb_*", "metric_*", "feasibility", "step_laws", "step_geometry", "step_linearized"),
     ("cpgrl_opt/solvers/*.py", "cpgrl_opt/solvers/compiled/*.py"): _CORES,
 }
 

@@ -20,7 +20,6 @@ from cpgrl_opt import (
     kkt_residuals,
 )
 from cpgrl_opt.metric_operator import OperatorMetric
-from cpgrl_opt.solvers import is_installed
 
 ACTIVE_SET = SOLVERS["active-set"]
 
@@ -62,7 +61,7 @@ def agree(by_matrix: Direction, by_products: Direction, size: float) -> None:
     np.testing.assert_allclose(by_products.value, by_matrix.value, rtol=1e-8, atol=1e-8 * size)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(30))
 def test_products_give_the_directions_of_the_matrix(seed: int) -> None:
     M, arguments = draw(seed)
     by_matrix, by_products = (DirectionProblem(**arguments, metric=metric) for metric in (M, Products(M)))
@@ -73,17 +72,6 @@ def test_products_give_the_directions_of_the_matrix(seed: int) -> None:
         assert kkt_residuals(by_matrix, answer).worst <= 1e-8
     if answer.status == Status.INFEASIBLE:
         assert farkas_residual(by_matrix, answer.multipliers) <= 1e-5
-
-
-@pytest.mark.parametrize("name", [name for name, solver in SOLVERS.items() if is_installed(solver)])
-def test_every_solver_takes_them(name: str) -> None:
-    rng = np.random.default_rng(1)
-    M, g, J = fisher(rng, 5), rng.standard_normal(5), rng.standard_normal((2, 5))
-    for radius in (None, 0.5):
-        by_matrix, by_products = (
-            DirectionProblem(g, J, 0.0, True, metric=metric, radius=radius) for metric in (M, Products(M))
-        )
-        agree(ACTIVE_SET.solve(by_matrix), SOLVERS[name].solve(by_products), 1.0)
 
 
 def test_residuals_are_those_of_the_matrix_for_wrong_answers_too() -> None:
@@ -112,18 +100,6 @@ def test_a_hundred_thousand_parameters_without_a_matrix() -> None:
         force = (1.0 if radius is None else answer.radius_multiplier) * M.matvec(answer.value)
         np.testing.assert_allclose(force, g + answer.multipliers @ J, atol=1e-9)
         assert (J @ answer.value >= np.array([0.1, -5.0, 0.2]) - 1e-9).all()
-
-
-@pytest.mark.parametrize("bound", [0.0, 1e-3])
-def test_rows_that_are_off_cost_no_product(bound: float) -> None:
-    rng = np.random.default_rng(3)
-    M, g, J = fisher(rng, 6), rng.standard_normal(6), rng.standard_normal((4, 6))
-    asked = []
-    for b in (np.full(4, bound), np.array([bound, -np.inf, -np.inf, -np.inf])):
-        products = Products(M)
-        ACTIVE_SET.solve(DirectionProblem(g, J, b, metric=products))
-        asked.append(products.asked)
-    assert asked[1] < 0.7 * asked[0]
 
 
 def test_too_few_iterations_are_uncertified_and_never_more() -> None:
@@ -165,14 +141,6 @@ def test_an_indefinite_metric_is_refused_where_it_shows() -> None:
         ACTIVE_SET.solve(problem)
 
 
-@pytest.mark.parametrize("settings", [{"metric_tolerance": 0.0}, {"metric_tolerance": "x"}, {"metric_iterations": 0}])
-def test_limits_are_checked(settings: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=f"{next(iter(settings))} should be"):
-        DirectionProblem([1.0], [[1.0]], metric=Products([[1.0]]), **settings)
-    with pytest.raises(ValueError, match=f"{next(iter(settings))} should be"):
-        ConstrainedStep(metric=Products([[1.0]]), **settings)
-
-
 def test_a_batch_has_one_metric_for_all_or_one_each() -> None:
     rng = np.random.default_rng(5)
     M, g, J = fisher(rng, 4), rng.standard_normal((3, 4)), rng.standard_normal((3, 2, 4))
@@ -202,23 +170,6 @@ def test_the_products_are_those_of_the_matrix_whatever_the_size() -> None:
         np.testing.assert_allclose(found, [size, size / 4.0], rtol=1e-11)
 
 
-@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
-@pytest.mark.parametrize("radius", [None, 0.4])
-def test_a_step_is_that_of_the_matrix(formulation: str, radius: float | None) -> None:
-    rng = np.random.default_rng(6)
-    M = fisher(rng, 5)
-    linearization = Linearization(rng.standard_normal((3, 4)), rng.standard_normal((3, 4, 5)))
-    by_matrix, by_products = (
-        ConstrainedStep(formulation=formulation, metric=metric, radius=radius, drop="never")(linearization, np.zeros(3))
-        for metric in (M, Products(M))
-    )
-    for name in ("change", "multipliers", "predicted_slack"):
-        np.testing.assert_allclose(getattr(by_products, name), getattr(by_matrix, name), atol=1e-9)
-    np.testing.assert_array_equal(by_products.active, by_matrix.active)
-    for name, count in by_matrix.counts.items():
-        np.testing.assert_array_equal(by_products.counts[name], count)
-
-
 def test_a_step_whose_metric_is_not_reached_is_skipped_or_raises() -> None:
     rng = np.random.default_rng(7)
     M = np.diag(10.0 ** np.linspace(-3, 3, 40))
@@ -238,13 +189,6 @@ def test_what_leaves_float64_is_certified_by_nobody() -> None:
     assert kkt_residuals(problem, wrong).worst == np.inf
     assert ACTIVE_SET.solve(problem).status == Status.NUMERICAL_ERROR
     assert farkas_residual(problem, np.ones(1)) == np.inf
-
-
-def test_problems_of_a_batch_may_have_coordinates_of_their_own() -> None:
-    M, g = Products(np.diag([1.0, 4.0])), np.ones((2, 2))
-    batch = ProblemBatch(g, [[[1.0, 0.0], [0.0, 1.0]]] * 2, [[0.0, 0.0], [-np.inf, 0.5]], metric=M)
-    for answer, problem in zip(ACTIVE_SET.solve_batch(batch), batch, strict=True):  # type: ignore[attr-defined]
-        np.testing.assert_array_equal(answer.value, ACTIVE_SET.solve(problem).value)
 
 
 def test_no_more_products_than_allowed() -> None:
