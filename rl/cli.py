@@ -22,7 +22,8 @@ from .standard_output import NOBODY_READS, WRONG_USE, say, standard_output
 if TYPE_CHECKING:
     from .experiments.claims import Claim
     from .experiments.experiment import Experiment
-    from .experiments.progress import TrainingProgress
+    from .experiments.records import Advance
+    from .observers import ProgressBars
 
 FAILED_CLAIM, INTERRUPTED, TERMINATED = 1, 130, (129, 143)
 
@@ -193,6 +194,44 @@ def compare(
             raise typer.Exit(INTERRUPTED) from None
 
 
+@app.command()
+def sweep(
+    target: Annotated[str, typer.Argument(help="three-state, arm, or package.module:FUNCTION (settings, seed).")],
+    over: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE,VALUE", help="A setting with its values; repeatable.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="How many, or which: 3,5,8.")] = "5",
+    every: Annotated[int, typer.Option(help="Episodes between two records of a training.")] = 100,
+    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("cpgrl-output/sweep"),
+    engine: Annotated[str, typer.Option(help="loky, dask or ray. The table does not depend on it.")] = "loky",
+    jobs: Annotated[int, typer.Option(help="Processes; 0 for one per core. The table does not depend on it.")] = 0,
+    anew: Annotated[bool, typer.Option("--anew/--resume", help="Start over, or keep the trainings in OUT.")] = False,
+) -> None:
+    """Train over settings and seeds into one table: 0 all ended well, 1 some did not, 2 could not run."""
+    from .sweeps.command import parse_seeds, run_sweep
+    from .sweeps.engines import MissingEngineError
+
+    with _clean_errors(ValueError, MissingEngineError):
+        try:
+            found, files = run_sweep(
+                target, over or [], out, seeds=parse_seeds(seeds), every=every, engine=engine, jobs=_processes(jobs),
+                anew=anew,
+            )  # fmt: skip
+        except (KeyboardInterrupt, SystemExit) as end:
+            code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
+            if code not in (INTERRUPTED, *TERMINATED):
+                raise
+            say(f"Interrupted. {out} keeps the trainings that ended; the same command goes on from there.", err=True)
+            raise typer.Exit(int(code)) from None
+    say(f"Trained {found.trained}, of which {len(found.failed)} ended with an error.")
+    say(f"Wrote {', '.join(files)} into {out}")
+    for row in found.failed[:3]:
+        settings = ", ".join(f"{name} {row[name]}" for name in found.columns[: found.columns.index("run")])
+        say(f"{settings}: {row['error']} (after episode {row['episode']})", err=True)
+    if found.failed:
+        raise typer.Exit(FAILED_CLAIM)
+
+
 def _names(listed: str) -> list[str]:
     return [name.strip() for name in listed.split(",") if name.strip()]
 
@@ -249,19 +288,28 @@ def _reproduce(
 ) -> None:  # fmt: skip
     from .experiments import runner
     from .experiments.checkpoints import require_interval
-    from .experiments.progress import training_progress
+    from .observers import ProgressBars
 
     with _clean_errors(ValueError):
         processes = _processes(jobs)
         require_interval(checkpoint_every)
+        import matplotlib  # noqa: F401 - refuses a wrong MPLBACKEND before a training rather than after it
+
         settings = experiment(**chosen)
         totals = {case.label: case.episodes for case in settings.cases()}
     files = runner.files_of(experiment)
     with _reserved(out):
         place = _place(out, files, runner.key_of(settings), anew=anew)
-        with training_progress(totals) as progress, _telling_what_is_kept(progress, place, out):
+        recorded: dict[str, int] = {}
+        with ProgressBars(totals) as bars, _telling_what_is_kept(bars, recorded, place, out):
+
+            def listen(advance: "Advance") -> None:
+                if advance.recorded:
+                    recorded[advance.label] = advance.episode
+                bars.move(advance.label, advance.episode)
+
             done = runner.reproduce(
-                settings, out, processes=processes, listen=progress.listen, checkpoint_every=checkpoint_every
+                settings, out, processes=processes, listen=listen, checkpoint_every=checkpoint_every
             )
         written = [name for name in files if (out / name).exists()]
     for comparison, table in done.tables:
@@ -295,7 +343,7 @@ def _place(out: Path, files: Sequence[str], key: Mapping[str, Any], *, anew: boo
 
 
 @contextmanager
-def _telling_what_is_kept(progress: "TrainingProgress", place: Path, out: Path) -> Iterator[None]:
+def _telling_what_is_kept(bars: "ProgressBars", recorded: Mapping[str, int], place: Path, out: Path) -> Iterator[None]:
     """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line.
 
     After Ctrl-C, SIGTERM and SIGHUP the command exits with 128 + the signal's number.
@@ -307,18 +355,18 @@ def _telling_what_is_kept(progress: "TrainingProgress", place: Path, out: Path) 
             code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
             if code not in (INTERRUPTED, *TERMINATED):
                 raise
-            say(f"Interrupted. {_kept(progress, place, out)}", err=True)
+            bars.stop()
+            say(f"Interrupted. {_kept(recorded, place, out)}", err=True)
             raise typer.Exit(int(code)) from None
         except Exception:
-            progress.stop()
-            if progress.recorded:
-                say(_kept(progress, place, out), err=True)
+            bars.stop()
+            if recorded:
+                say(_kept(recorded, place, out), err=True)
             raise
 
 
-def _kept(progress: "TrainingProgress", place: Path, out: Path) -> str:
-    progress.stop()
-    reached = [f"{label} to episode {episode}" for label, episode in progress.recorded.items()]
+def _kept(recorded: Mapping[str, int], place: Path, out: Path) -> str:
+    reached = [f"{label} to episode {episode}" for label, episode in recorded.items()]
     held = f"{place / 'learning.csv'} holds {', '.join(reached)}." if reached else "No episode was recorded."
     if reached:
         held = f"{held} The same command goes on from there, or a few seconds before."
@@ -349,7 +397,7 @@ def _processes(jobs: int) -> int:
 
 
 @contextmanager
-def _clean_errors(*refusals: type[ValueError]) -> Iterator[None]:
+def _clean_errors(*refusals: type[Exception]) -> Iterator[None]:
     """One line instead of a traceback for whatever the user can put right, these refusals of what was typed too.
 
     Any ValueError is a refusal only where nothing but input is looked at: elsewhere it would be a bug of ours.

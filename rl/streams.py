@@ -7,6 +7,7 @@ import numpy as np
 
 from cpgrl_opt.validation import require_count
 
+MOST_COUNTED = 2**63 - 1  # steps and episodes, which kernels count in 64 bits
 MOST_RUNS = 1_000_000  # in lockstep; beyond, a slip of the keyboard would fill the memory
 
 

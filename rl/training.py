@@ -21,7 +21,7 @@ from .learners import CPGRL, Learner, LearnerUpdate
 from .policies import Policy
 from .policies.interface import parameter_vector
 from .saved_state import read_state, write_state
-from .streams import run_indices, run_streams
+from .streams import MOST_COUNTED, run_indices, run_streams
 from .updates import Course, DivergenceError, estimated, updated
 
 __all__ = ["DivergenceError", "Initial", "Training", "TrainingRecord", "train", "uniform_parameters"]
@@ -106,7 +106,7 @@ class Training:
         stop_when_stationary: bool = False,
         max_change: float = np.inf,
     ) -> None:
-        require_count("episodes", episodes, 0)
+        require_count("episodes", episodes, 0, MOST_COUNTED)
         _require_types(policy, estimator, learner, initial, max_change)
         indices = run_indices(runs)
         streams = [run_streams(seed, run) for run in indices]

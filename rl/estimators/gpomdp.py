@@ -11,6 +11,7 @@ from cpgrl_opt.validation import require_count, require_member, require_within
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..rollout import episode, require_fitting, reward_channels
+from ..streams import MOST_COUNTED
 from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, UpdateWatch, channels_from_start, require_gradient, require_updates
@@ -56,7 +57,7 @@ class GPOMDP:
     def __post_init__(self) -> None:
         require_within("trace_decay", self.trace_decay, "[0, 1)")
         require_member("weights", self.weights, tuple(WEIGHTS))
-        require_count("steps", self.steps)
+        require_count("steps", self.steps, most=MOST_COUNTED)
         object.__setattr__(self, "average", kinds_of_average(self.average))
         require_average_settings(self)
         require_gradient(self.gradient)

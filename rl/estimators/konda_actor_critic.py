@@ -11,6 +11,7 @@ from cpgrl_opt.validation import require_count, require_positive, require_within
 
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
 from ..rollout import Step, act, episode, located, require_fitting, reward_channels
+from ..streams import MOST_COUNTED
 from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
 from .interface import Estimate, Estimation
 from .reported_gradient import ReportedGradient, require_gradient
@@ -70,7 +71,7 @@ class KondaActorCritic:
         require_positive("critic_rate", self.critic_rate)  # at 0 critics, and Δ, would stay 0
         object.__setattr__(self, "average", kinds_of_average(self.average))
         require_average_settings(self)
-        require_count("steps", self.steps)
+        require_count("steps", self.steps, most=MOST_COUNTED)
         require_gradient(self.gradient)
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:

@@ -31,3 +31,33 @@ def spread(values: Float[np.ndarray, "R *shape"]) -> Float[np.ndarray, "*shape"]
         return np.zeros(values.shape[1:])
     deviation: Float[np.ndarray, "*shape"] = values.std(axis=0, ddof=1)
     return deviation
+
+
+def interquartile_mean_intervals(
+    values: Float[np.ndarray, "*cases R measures"],
+    rng: np.random.Generator,
+    *,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> Float[np.ndarray, "*cases 3 measures"]:
+    """As `mean_intervals`, of the mean without the ⌊R/4⌋ smallest and largest runs (Agarwal et al. 2021)."""
+    *cases, runs, measures = values.shape
+    counts = rng.multinomial(runs, np.full(runs, 1 / runs), size=resamples)
+    once = np.ones((1, runs), dtype=counts.dtype)
+    tail = (1 - level) / 2
+    found = [
+        np.concatenate([_trimmed(each, once), np.quantile(_trimmed(each, counts), [tail, 1 - tail], axis=0)])
+        for each in values.reshape(-1, runs, measures)
+    ]
+    return np.reshape(found, (*cases, 3, measures))
+
+
+def _trimmed(values: Float[np.ndarray, "R measures"], counts: np.ndarray) -> Float[np.ndarray, "S measures"]:
+    """Of each sample in which run i stands counts[s, i] times: of the sorted R values those from R/4 to 3R/4."""
+    runs = len(values)
+    cut = runs // 4
+    order = values.argsort(axis=0)
+    places = np.clip(counts[:, order].cumsum(axis=1), cut, runs - cut)
+    kept = np.diff(places, axis=1, prepend=cut)
+    means: Float[np.ndarray, "S measures"] = np.einsum("srk,rk->sk", kept, np.take_along_axis(values, order, axis=0))
+    return means / (runs - 2 * cut)

@@ -16,7 +16,7 @@ from cpgrl_opt.solvers import compile_kernels
 from cpgrl_opt.step import Observer
 from cpgrl_opt.validation import require_count
 
-from ..streams import MOST_RUNS
+from ..streams import MOST_COUNTED, MOST_RUNS
 from ..training import Training, TrainingRecord
 from .claims import Claim
 from .comparison import Comparison
@@ -113,7 +113,7 @@ class Experiment(ABC):
     def __post_init__(self) -> None:
         require_count("runs", self.runs, most=MOST_RUNS)
         for name in ("episodes", "steps", "record_every"):
-            require_count(name, getattr(self, name))
+            require_count(name, getattr(self, name), most=MOST_COUNTED)
         for name in ("seed", "record"):
             require_count(name, getattr(self, name), 0)
         self.step()

@@ -45,8 +45,7 @@ def unordered(
     MissingEngineError
         Where its package is missing.
     """
-    require_count("jobs", jobs)
-    require_member("engine", engine, tuple(ENGINES))
+    require_engine(engine, jobs)
     if engine == "loky" and min(jobs, len(items)) <= 1:
         return map(task, items)
     return _in_workers(task, items, engine, jobs)
@@ -79,7 +78,6 @@ def _loky(jobs: int) -> Iterator[None]:  # noqa: ARG001 - like the others
 
 @contextmanager
 def _dask(jobs: int) -> Iterator[None]:
-    _require("distributed", "dask")
     from distributed import Client, LocalCluster, get_client
 
     with ExitStack() as stack:
@@ -93,7 +91,6 @@ def _dask(jobs: int) -> Iterator[None]:
 
 @contextmanager
 def _ray(jobs: int) -> Iterator[None]:
-    _require("ray", "ray")
     import ray
     from ray.util.joblib import register_ray
 
@@ -112,9 +109,13 @@ def _ray(jobs: int) -> Iterator[None]:
 
 
 ENGINES: dict[str, Callable[[int], AbstractContextManager[None]]] = {"loky": _loky, "dask": _dask, "ray": _ray}
+_PACKAGES = {"loky": "joblib", "dask": "distributed", "ray": "ray"}
 
 
-def _require(package: str, extra: str) -> None:
-    if find_spec(package) is None:
-        words = f"engine {extra!r} needs a package that is not installed; type: pip install 'cpgrl-opt[{extra}]'"
+def require_engine(engine: str, jobs: int) -> None:
+    """What `unordered` raises, before anything is done."""
+    require_count("jobs", jobs)
+    require_member("engine", engine, tuple(ENGINES))
+    if find_spec(_PACKAGES[engine]) is None:
+        words = f"engine {engine!r} needs a package that is not installed; type: pip install 'cpgrl-opt[{engine}]'"
         raise MissingEngineError(words)

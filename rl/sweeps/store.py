@@ -17,8 +17,8 @@ OUTCOMES, TABLE = "outcomes.jsonl", "sweep.csv"
 
 
 @contextmanager
-def store(folder: Path | None) -> Iterator["Store"]:
-    """The outcomes in a folder, made if it is not there and locked meanwhile; None: in memory alone.
+def store(folder: Path | None, *, anew: bool = False) -> Iterator["Store"]:
+    """The outcomes in a folder, made if it is not there and locked meanwhile; None: in memory alone. anew: none.
 
     Raises UnusableDirectoryError where there can be no such folder, FolderInUseError where another process has it.
     """
@@ -28,6 +28,8 @@ def store(folder: Path | None) -> Iterator["Store"]:
     from ..experiments.results_directory import reserved
 
     with reserved(folder):
+        if anew:
+            (folder / OUTCOMES).unlink(missing_ok=True)
         yield Store(folder)
 
 

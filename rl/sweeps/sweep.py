@@ -13,10 +13,10 @@ from cpgrl_opt.validation import require_count
 from ..streams import run_indices
 from ..training import TrainingRecord
 from .cell import Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, key_of
-from .engines import unordered
+from .engines import require_engine, unordered
 from .store import rows_of, store
 
-_OURS = ("seed", "run", "episode", "channel", "error")
+OURS = ("seed", "run", "episode", "channel", "error")
 
 
 def estimates(record: TrainingRecord) -> dict[str, Any]:
@@ -49,6 +49,7 @@ def sweep(
     every: int = 100,
     measure: Measure = estimates,
     out: Path | str | None = None,
+    anew: bool = False,
     engine: str = "loky",
     jobs: int = 1,
     listen: Callable[[int, int, Outcome], object] | None = None,
@@ -73,6 +74,8 @@ def sweep(
         Folder: `sweep.csv`, the table, when all is done; `outcomes.jsonl` keeps each training as it ends. The same call
         goes on where it was stopped or killed. A training whose settings, seed or sources have changed is a new one.
         Trainings that ended with an error are tried again.
+    anew
+        Forgets what the folder holds.
     engine, jobs
         As `unordered` says.
     listen
@@ -93,11 +96,12 @@ def sweep(
         See there.
     """
     require_count("every", every)
-    points = _points(settings)
+    require_engine(engine, jobs)
+    points = combinations(settings)
     _require_taken(training, points)
     context = context_of(training, measure, every)
     cells = [Cell(point, seed, key_of(point, seed, context)) for point in points for seed in _seeds(seeds)]
-    with store(None if out is None else Path(out)) as kept:
+    with store(None if out is None else Path(out), anew=anew) as kept:
         missing = list({cell.key: cell for cell in cells if cell.key not in kept.found}.values())
         ended = dict(kept.found)
         done = len(cells) - len(missing)
@@ -113,8 +117,8 @@ def sweep(
     return Sweep(columns, rows, len(missing))
 
 
-def _points(settings: Any) -> list[dict[str, Any]]:
-    """The combinations; ValueError unless all have the same names."""
+def combinations(settings: Any) -> list[dict[str, Any]]:
+    """Of `settings` as `sweep` takes it; ValueError unless all have the same names."""
     if isinstance(settings, Mapping):
         for name, values in settings.items():
             if isinstance(values, str) or not isinstance(values, Sequence) or not values:
@@ -124,8 +128,8 @@ def _points(settings: Any) -> list[dict[str, Any]]:
         points = [dict(point) for point in settings] if _is_listed(settings) else []
     if not points or any(list(point) != list(points[0]) for point in points):
         raise ValueError(f"settings should be lists by name, or dicts of the same names; found {settings!r}")
-    if taken := [name for name in points[0] if name in _OURS]:
-        raise ValueError(f"settings should not be named {', '.join(_OURS)}; found {', '.join(taken)}")
+    if taken := [name for name in points[0] if name in OURS]:
+        raise ValueError(f"settings should not be named {', '.join(OURS)}; found {', '.join(taken)}")
     return points
 
 

@@ -5,11 +5,13 @@ import json
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 from envs import ThreeStateMDP
-from rl import CPGRL, GPOMDP, SoftmaxTable, sweep, train
+from rl import CPGRL, GPOMDP, SoftmaxTable, Sweep, sweep, train
+from rl.sweeps.curves import draw_curves, learning_curves
 
 GRID = {"solver": ["rosen", "active-set"], "threshold": [-0.1, 0.0]}
 
@@ -172,3 +174,34 @@ def test_a_folder_has_one_writer(training, tmp_path):
 
     sweep(training, {"solver": ["rosen"], "threshold": [-0.1]}, seeds=1, out=tmp_path, listen=ask)
     assert "is being written to by" in found[0]
+
+
+def test_curves_are_means_and_interquartile_means_with_intervals(training, tmp_path):
+    found = sweep(training, GRID, seeds=[2, 3, 4, 5], every=25)
+    curves = learning_curves(found)
+    assert len(curves) == 4 * 1 * 4
+    one = next(row for row in curves if (row["solver"], row["threshold"], row["channel"]) == ("rosen", -0.1, 1))
+    taken = (row for row in found.rows if (row["solver"], row["threshold"], row["channel"]) == ("rosen", -0.1, 1))
+    values = sorted(row["value"] for row in taken)
+    assert one["runs"] == len(values) == 8
+    assert one["mean"] == pytest.approx(np.mean(values))
+    assert one["iqm"] == pytest.approx(np.mean(values[2:6]))
+    for name in ("mean", "iqm"):
+        again = scipy.stats.bootstrap(
+            (values,), np.mean if name == "mean" else lambda x, axis: scipy.stats.trim_mean(x, 0.25, axis=axis),
+            method="percentile", rng=np.random.default_rng(1), n_resamples=4000,
+        ).confidence_interval  # fmt: skip
+        length = again.high - again.low
+        assert one[f"{name}_low"] == pytest.approx(again.low, abs=0.15 * length)
+        assert one[f"{name}_high"] == pytest.approx(again.high, abs=0.15 * length)
+    draw_curves(curves, tmp_path / "curves.png")
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(ValueError, match="mean or iqm"):
+        draw_curves(curves, tmp_path / "curves.png", "median")
+
+
+def test_one_run_has_no_length_of_interval(training):
+    found = sweep(training, {"solver": ["rosen"], "threshold": [0.0]}, seeds=[1, 2])
+    one = {**found.rows[1], "run": 0}
+    curves = learning_curves(Sweep(found.columns, [found.rows[0], one], 2))
+    assert [row["mean_low"] == row["mean"] == row["iqm"] == row["iqm_high"] for row in curves] == [True]
