@@ -65,7 +65,7 @@ def settings_of(solver: object) -> list[str]:
 @cache
 def _ours() -> str:
     shipped = [hashlib.sha256(shipped_path(name).read_bytes()).hexdigest() for name in SHIPPED]
-    return _word([sources_of(f"{__package__}.worker").digest, *shipped])
+    return _word([sources_of(f"{__package__}.bench").digest, *shipped])
 
 
 def _word(facts: object) -> str:

@@ -1,22 +1,22 @@
 """Every solver × variant on every family: each cell in a worker process, the finished ones on the disk at once."""
 
 import queue
-import threading
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
+from ..isolation import Isolated
 from ..solvers import SOLVERS
 from ..validation import require_count
+from .bench import Order, isolated_bench, measurement_of
 from .cell_keys import cell_keys
 from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
 from .families import FAMILIES
 from .measurement import Measurement
 from .named_families import digests, family_named
-from .processes import WorkerProcess
-from .worker import Order
 
 COMMON_PACKAGES = ("python", "cpgrl-opt", "numpy", "scipy", "numba", "qpsolvers")  # all cells stand on these
 _LARGE_SHARE = 5  # of a family of large problems, one problem in five
@@ -135,45 +135,26 @@ def _is_trusted(cell: CellKey, changed: Collection[str]) -> bool:
     return solver in SOLVERS and family not in changed and getattr(SOLVERS[solver], "package", None) not in changed
 
 
-def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterable[list[Measurement]]:
-    """The cells' measurements as they are finished, by `jobs` threads with a worker process each."""
-    waiting: queue.SimpleQueue[CellKey] = queue.SimpleQueue()
-    for cell in cells:
-        waiting.put(cell)
-    finished: queue.SimpleQueue[list[Measurement] | BaseException] = queue.SimpleQueue()
-    workers = [WorkerProcess() for _ in range(min(jobs, len(cells)))]
-    threads = [threading.Thread(target=_work, args=(settings, each, waiting, finished)) for each in workers]
-    for thread in threads:
-        thread.start()
-    try:
-        for _ in cells:
-            result = finished.get()
-            if isinstance(result, BaseException):
-                raise result
-            yield result
-    finally:
-        while not waiting.empty():
-            waiting.get()
-        for worker in workers:
-            worker.close()
-        for thread in threads:
-            thread.join()
+def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterator[list[Measurement]]:
+    """The cells' measurements as they are finished, by `jobs` threads with a process each."""
+    benches = [isolated_bench() for _ in range(min(jobs, len(cells)))]
+    free: queue.SimpleQueue[Isolated] = queue.SimpleQueue()
+    for bench in benches:
+        free.put(bench)
 
+    def measure(cell: CellKey) -> list[Measurement]:
+        bench = free.get()
+        try:
+            orders = (settings.order(cell, number) for number in range(settings.problems_of(cell[2])))
+            return [measurement_of(order, bench) for order in orders]
+        finally:
+            free.put(bench)
 
-def _work(
-    settings: ComparisonSettings,
-    worker: WorkerProcess,
-    waiting: "queue.SimpleQueue[CellKey]",
-    finished: "queue.SimpleQueue[list[Measurement] | BaseException]",
-) -> None:
-    while True:
+    with ThreadPoolExecutor(max(1, len(benches))) as pool:
         try:
-            cell = waiting.get_nowait()
-        except queue.Empty:
-            return
-        try:
-            count = settings.problems_of(cell[2])
-            finished.put([worker.carry_out(settings.order(cell, number)) for number in range(count)])
-        except BaseException as error:  # goes on in the main thread
-            finished.put(error)
-            return
+            for finished in as_completed([pool.submit(measure, cell) for cell in cells]):
+                yield finished.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for bench in benches:
+                bench.close()

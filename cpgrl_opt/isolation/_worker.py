@@ -77,7 +77,7 @@ def portable(error: Exception) -> Exception:
     return again
 
 
-def written() -> int:
+def output_size() -> int:
     """How many bytes this process has written to its standard output and error so far."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()

@@ -15,10 +15,12 @@ import tempfile
 import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from signal import Signals
+from statistics import median
 from time import monotonic
 from typing import Any, BinaryIO, Self
 
@@ -92,12 +94,25 @@ class Isolated:
             raise ValueError(f"memory_limit should be a number of bytes > 0, or None; found {memory_limit}")
         self.time_limit, self.memory_limit = time_limit, memory_limit
         self.losses = 0  # processes that hung or crashed
-        self.longest = 0.0  # s, of the calls that were answered
+        self._seconds: deque[float] = deque(maxlen=100)  # of the last calls that were answered
         self._environment = dict(environment or {})
         self._start = pickle.dumps(("start", (memory_limit, is_made, cloudpickle.dumps(given))))
+        self._first: bytes | None = None
         self._process: _Process | None = None
         self._lock = threading.RLock()
         self._is_closed = False
+
+    def begin_with(self, function: Callable[[Any], Any]) -> None:
+        """Have each process that starts call function(object) first, for which it has ten minutes.
+
+        For what is slow once and should not count in a call: imports, compiling.
+        """
+        self._first = pickle.dumps((function, ()))
+
+    @property
+    def usual_seconds(self) -> float:
+        """The median time of the last hundred calls that were answered; the limit where there was none."""
+        return median(self._seconds) if self._seconds else self.time_limit
 
     def solve(self, problem: Any) -> Any:
         """What the object's method `solve` returns."""
@@ -125,7 +140,7 @@ class Isolated:
                 self._lose(lost)
                 raise
             if came_back:
-                self.longest = max(self.longest, monotonic() - start)
+                self._seconds.append(monotonic() - start)
                 return answer
             if self.memory_limit is not None and isinstance(answer, MemoryError):
                 raise MemoryLimitError(f"more memory than {self.memory_limit} bytes ({answer})") from answer
@@ -163,7 +178,7 @@ class Isolated:
             self._process = process = _Process(os.environ | _ANY_TEXT | self._environment)
             self._finalizer = weakref.finalize(self, process.end)
             try:
-                process.start(self._start)
+                process.start(self._start, self._first)
             except BaseException as error:
                 self._lose(error)
                 raise
@@ -175,6 +190,11 @@ class Isolated:
         if process is not None:
             self._finalizer.detach()
             process.end()
+
+
+def apply(function: Callable[..., Any], solver: Any, *arguments: Any) -> Any:
+    """function(solver, *arguments), in the solver's own process where it is isolated."""
+    return solver.apply(function, *arguments) if isinstance(solver, Isolated) else function(solver, *arguments)
 
 
 def call(function: Callable[..., Any], *arguments: Any, time_limit: float, memory_limit: int | None = None) -> Any:
@@ -203,12 +223,14 @@ class _Process:
         self._thread = threading.Thread(target=_exchange, args=exchange, daemon=True)
         self._thread.start()
 
-    def start(self, order: bytes) -> None:
-        """Has the object made. Raises what its making does."""
-        came_back, answer = self.ask(order, START_LIMIT, 0.0)
-        if not came_back:
-            raise answer
-        self._pid = answer
+    def start(self, *orders: bytes | None) -> None:
+        """Has the object made, and whatever else comes first done. Raises what these do."""
+        for order in orders:
+            if order is not None:
+                came_back, answer = self.ask(order, START_LIMIT, 0.0)
+                if not came_back:
+                    raise answer
+                self._pid = self._pid or answer
 
     def ask(self, order: bytes, time_limit: float, cpu_limit: float) -> tuple[bool, Any]:
         """(True, the answer to an order), or (False, the exception raised there). Raises HangError, CrashError."""

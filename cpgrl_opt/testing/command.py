@@ -2,18 +2,21 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..isolation.process_group import exit_on_termination
+from ..comparison.whole_file import whole_file
+from ..isolation import Isolated, IsolationError, apply, exit_on_termination
 from ..validation import require_count, require_member
-from .isolation import Messages, Order, Ready, Refused, examined_apart
 from .laws import LAWS
-from .subject import CannotCheck
-from .verdict import CheckResult, Verdict
+from .subject import CannotCheck, checkable_solver, spelling_of
+from .verdict import CheckResult, Verdict, verdict_on
 
-HELD, BROKEN, INTERRUPTED = 0, 1, 130
+HELD, BROKEN, UNWRITTEN, INTERRUPTED = 0, 1, 2, 130
+# 8 GiB: the laws' problems are a few kilobytes, but libraries that bring threads and compilers reserve some gigabytes.
+MEMORY_LIMIT = 2**33
 _WORDS = {"failed as expected": "excused", "unsupported": "n/a", "held, though expected to fail": "held"}
 
 
@@ -41,43 +44,85 @@ def check_target(
     expected_failures: Sequence[str] = (),
     markdown: Path | None = None,
     time_limit: float = 30.0,
+    memory_limit: int = MEMORY_LIMIT,
     progress: Callable[[str], None] = lambda _: None,
-    examined: Messages | None = None,
+    is_isolated: bool = True,
 ) -> int:
-    """Checks the solver that the target names, prints the verdict, and returns 0 if all laws held, 1 if one broke.
+    """Checks the solver that the target names, and prints the verdict.
 
-    expected_failures: "CHECK=REASON", the check with or without "check_". markdown: a file for the full verdict.
-    time_limit: seconds that one problem may take. progress: told the name of each law that is done.
-    examined: how the laws are put to it, in processes of their own unless told otherwise.
-    Raises CannotCheck where there is nothing to check, ValueError for settings that are out of range.
+    Parameters
+    ----------
+    target
+        package.module:SOLVER.
+    max_examples, seed
+        As for `check_direction_solver`.
+    expected_failures
+        "CHECK=REASON", the check with or without "check_".
+    markdown
+        A file for the full verdict.
+    time_limit, memory_limit
+        Seconds that one problem may take, and bytes that the solver's process may allocate.
+    progress
+        Is told the name of each law that is done.
+    is_isolated
+        Whether the solver gets a process of its own; False for one that is known to come back.
+
+    Returns
+    -------
+    int
+        0 if all laws held, 1 if one broke, 2 if all held and the file could not be written.
+
+    Raises
+    ------
+    CannotCheck
+        Where there is nothing to check.
+    ValueError
+        For settings that are out of range.
     """
     require_count("max_examples", max_examples)
     require_count("seed", seed, 0)
-    if not 0 < time_limit < float("inf"):
-        raise ValueError(f"time_limit should be a number of seconds > 0; found {time_limit:g}")
-    if markdown is not None and not markdown.parent.is_dir():
+    if markdown is not None and (not markdown.parent.is_dir() or markdown.is_dir()):
         raise ValueError(f"markdown should be a file in a folder that exists; found {str(markdown)!r}")
-    order = Order(target, max_examples, seed, tuple(expected_of(expected_failures).items()), time_limit)
-    tolerance, results = 0.0, []
-    with closing((examined or examined_apart)(order, tuple(LAWS))) as messages:
-        for message in messages:
-            if isinstance(message, Refused):
-                raise CannotCheck(message.message, message.traceback)
-            if isinstance(message, Ready):
-                tolerance = message.tolerance
-            elif isinstance(message, CheckResult):
-                results.append(message)
-                progress(message.check)
-    if not any(result.supported for result in results):
+    expected = expected_of(expected_failures)
+    with ExitStack() as stack:
+        solver: Any
+        if is_isolated:
+            make = partial(checkable_solver, target)
+            limits = {"time_limit": time_limit, "memory_limit": memory_limit}
+            solver = stack.enter_context(Isolated.made_by(make, **limits))
+        else:
+            solver = checkable_solver(target)
+        try:
+            spelled = apply(spelling_of, solver, target)
+            verdict = verdict_on(
+                solver, LAWS.values(), expected, max_examples=max_examples, seed=seed,
+                name=target, spelled=spelled, progress=progress,
+            )  # fmt: skip
+        except IsolationError as lost:
+            raise CannotCheck(f"{target} should import and answer a problem; found {lost}") from lost
+    if not any(result.supported for result in verdict.results):
         raise CannotCheck(
             f"{target} should take some of the laws' problems, Euclidean ones or, with `takes_geometry = True`, those "
             "with a radius, of several rows or one; found that `supports` takes none"
         )
-    verdict = Verdict(target, tolerance, max_examples, seed, tuple(results))
-    if markdown is not None:
-        markdown.write_text(verdict.to_markdown(), encoding="utf-8")
+    return _report(verdict, markdown)
+
+
+def _report(verdict: Verdict, markdown: Path | None) -> int:
+    """Prints before it writes, so that neither a full disk nor a folder in the file's place costs the verdict."""
     sys.stdout.write(f"{verdict_text(verdict, markdown)}\n")
-    return HELD if verdict.passed else BROKEN
+    status = HELD if verdict.passed else BROKEN
+    if markdown is None:
+        return status
+    try:
+        with whole_file(markdown) as beside:
+            beside.write_text(verdict.to_markdown(), encoding="utf-8")
+    except OSError as error:
+        sys.stdout.flush()
+        sys.stderr.write(f"cpgrl: the verdict could not be written: {error}\n")
+        return status or UNWRITTEN
+    sys.stdout.write(f"Wrote {markdown}\n")
+    return status
 
 
 def expected_of(pairs: Sequence[str]) -> dict[str, str]:
@@ -112,8 +157,6 @@ def verdict_text(verdict: Verdict, markdown: Path | None = None) -> str:
     rest = sum(bool(result.counterexample) for result in verdict.results) - 1
     if rest > 0 and markdown is None:
         lines += ["", f"{rest} more in the file that --markdown names."]
-    if markdown is not None:
-        lines += ["", f"Wrote {markdown}"]
     settings = f"Tolerance {verdict.tolerance:g}, {verdict.max_examples} examples a law, seed {verdict.seed}."
     return "\n".join([*lines, "", settings, verdict.summary])
 

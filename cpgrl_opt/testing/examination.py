@@ -4,7 +4,7 @@ import math
 import random
 import tempfile
 import zlib
-from collections.abc import Callable, Collection, Hashable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -15,20 +15,25 @@ from hypothesis import HealthCheck, Phase, Verbosity, configuration, given, seed
 from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
 
+from ..isolation import HangError, Isolated, IsolationError, apply
 from ..problem import DirectionProblem
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .domain import rare_shapes, traits_of
 from .draws import only_shapes, small_shapes
-from .law import LawBroken, Outcome, takes
+from .law import LawBroken, Outcome, described, takes
 from .laws import Arguments, Law, part_drawn
 from .process_state import large_state_restored, restored
 from .strategies import Case
 
 # Shrinking asks the solver this often at most: slow solvers then keep a counterexample that is not quite minimal.
 _SHRINKING_CALLS = 400
-# Of a law that says that it costs time: failures until the verdict is clear, and calls to shrink.
+# Of a law that says that it costs time: failures until the verdict is clear, and calls to shrink. A lost process is as
+# long a wait, and one is enough.
 _ENOUGH_BROKEN, _FEW_CALLS = 3, 20
+# To shrink a hang an answer is waited for so many times as long as answers usually take, and two seconds at least: with
+# a tenth an answer of a busy machine is taken for a hang, with ten times as much a law costs minutes.
+_TIMES_USUAL, _LEAST_WAIT = 50.0, 2.0
 _SMALL_EXAMPLES = 200  # of small shapes, among which a counterexample is looked for first
 # Problems kept for the next solver, a few kilobytes each.
 _MOST_KEPT = 10_000
@@ -41,7 +46,8 @@ _Judge = Callable[[dict[str, Any]], object]
 class Examination:
     """Counts of outcomes, and of what broke the law: its smallest arguments and message.
 
-    untaken: of those skipped, the problems that the solver's `supports` does not take.
+    untaken: of those skipped, the problems that the solver's `supports` does not take. loss: what ended the
+    solver's process, if anything did.
     """
 
     held: int = 0
@@ -49,6 +55,7 @@ class Examination:
     skipped: int = 0
     untaken: int = 0
     broken: int = 0
+    loss: BaseException | None = None
     arguments: dict[str, Any] = field(default_factory=dict)
     message: str = ""
     tolerance: float = 0.0
@@ -63,17 +70,18 @@ class Examination:
     def count(self, law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> LawBroken | None:
         """Puts the law to the solver once and counts the outcome; what broke it, if anything did."""
         try:
-            outcome = _outcome(law, solver, arguments)
-            self._require_one_tolerance(solver)
+            outcome, tolerance = _outcome(law, solver, arguments)
+            self._require_one_tolerance(tolerance)
         except LawBroken as broken:
             self.broken += 1
+            self.loss = broken.__cause__ if isinstance(broken.__cause__, IsolationError) else None
             self.message = self.message or str(broken)
             return broken
         self.held += outcome == Outcome.HELD
         self.declined += outcome == Outcome.DECLINED
         self.skipped += outcome == Outcome.SKIPPED
         if outcome == Outcome.SKIPPED:
-            self.untaken += not _are_taken(solver, arguments)
+            self.untaken += not apply(_are_taken, solver, arguments)
         for problem in _problems_in(arguments)[:1]:
             if outcome == Outcome.UNSUPPORTED:
                 self._unsupported.append(traits_of(problem))
@@ -91,8 +99,7 @@ class Examination:
             self.skipped += not traits <= self._answered
         self._unsupported.clear()
 
-    def _require_one_tolerance(self, solver: DirectionSolver) -> None:
-        tolerance = tolerance_of(solver)
+    def _require_one_tolerance(self, tolerance: float) -> None:
         self.tolerance = self.tolerance or tolerance
         if tolerance != self.tolerance:
             raise LawBroken(f"tolerance should be one number; found {self.tolerance:g}, then {tolerance:g}")
@@ -109,7 +116,7 @@ def examine(
 
     def judge(arguments: dict[str, Any]) -> None:
         found.count(law, solver, arguments)
-        if law.costs_time and found.broken == _ENOUGH_BROKEN:
+        if found.loss or (law.costs_time and found.broken == _ENOUGH_BROKEN):
             raise _Enough
 
     with _traceless():
@@ -119,7 +126,7 @@ def examine(
             draws.each(judge, math.ceil(law.part * max_examples))
         found.settle()
         if found.broken:
-            found.arguments, message = _smallest(law, solver, draws)
+            found.arguments, message = _smallest(law, solver, draws, found.loss)
             found.message = message if found.arguments else f"{found.message}\n    ({message})"
     return found
 
@@ -150,8 +157,12 @@ def _draws_for(
     """
     draws = _Draws(law.arguments, tuple(cases), max_examples, number)
     sample = replace(draws, max_examples=min(max_examples, 100))._kept()
-    untaken = sum(not _are_taken(solver, arguments) for arguments in sample)
+    untaken = apply(_untaken, solver, sample)
     return (draws, 0) if 2 * untaken <= len(sample) else (replace(draws, solver=solver), untaken)
+
+
+def _untaken(solver: DirectionSolver, sample: Sequence[dict[str, Any]]) -> int:
+    return sum(not _are_taken(solver, arguments) for arguments in sample)
 
 
 def _are_taken(solver: DirectionSolver, arguments: dict[str, Any]) -> bool:
@@ -220,7 +231,7 @@ class _Draws:
         # the sixth, most of its shape, and a hundred examples were those of about twenty shapes.
         alone = st.lists(drawn, min_size=1, max_size=1, unique_by=id)
         test: Callable[[], None] = chosen(given(alone)(asked))
-        shapes = () if self.solver is None else rare_shapes(self.solver)
+        shapes = () if self.solver is None else apply(rare_shapes, self.solver)
         with only_shapes(shapes), suppress(Unsatisfiable, _TakesNone):
             seed(zlib.crc32(self.source.__name__.encode()) + self.number)(test)()
 
@@ -239,7 +250,7 @@ def _taken_by(solver: DirectionSolver) -> Callable[[dict[str, Any]], bool]:
 
     def is_taken(arguments: dict[str, Any]) -> bool:
         nonlocal refused
-        taken = _are_taken(solver, arguments)
+        taken = bool(apply(_are_taken, solver, arguments))
         refused = 0 if taken else refused + 1
         if refused == _MOST_REFUSED:
             raise _TakesNone
@@ -248,29 +259,37 @@ def _taken_by(solver: DirectionSolver) -> Callable[[dict[str, Any]], bool]:
     return is_taken
 
 
-def _smallest(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[str, Any], str]:
+def _smallest(
+    law: Law, solver: DirectionSolver, draws: _Draws, loss: BaseException | None
+) -> tuple[dict[str, Any], str]:
     """The counterexample of a search among small shapes; of all where it holds on these."""
     with small_shapes():
-        found = _shrunk(law, solver, replace(draws, max_examples=max(draws.max_examples, _SMALL_EXAMPLES)))
+        few = replace(draws, max_examples=max(draws.max_examples, _SMALL_EXAMPLES))
+        found = _shrunk(law, solver, few, loss)
     return (
         found
-        or _shrunk(law, solver, draws)
+        or _shrunk(law, solver, draws, loss)
         or ({}, "the law broke in the first pass and held in the second: the solver does not repeat its answers")
     )
 
 
-def _shrunk(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[str, Any], str] | None:
+def _shrunk(
+    law: Law, solver: DirectionSolver, draws: _Draws, loss: BaseException | None
+) -> tuple[dict[str, Any], str] | None:
     """The last failure that Hypothesis saw, None for none: it tries only smaller ones after each."""
     smallest: list[tuple[dict[str, Any], str]] = []
+    limit = None
+    if isinstance(solver, Isolated) and isinstance(loss, HangError):
+        limit = min(solver.time_limit, max(_LEAST_WAIT, _TIMES_USUAL * solver.usual_seconds))
     calls = 0
 
     def judge(arguments: dict[str, Any]) -> None:
         nonlocal calls
         calls += bool(smallest)
-        if calls > (_FEW_CALLS if law.costs_time else _SHRINKING_CALLS):
+        if calls > (_FEW_CALLS if law.costs_time or loss else _SHRINKING_CALLS):
             raise _Enough
         try:
-            _outcome(law, solver, arguments)
+            _outcome(law, solver, arguments, limit)
         except LawBroken as broken:
             smallest[:] = [(arguments, str(broken))]
             raise
@@ -286,15 +305,34 @@ def _shrunk(law: Law, solver: DirectionSolver, draws: _Draws) -> tuple[dict[str,
     return None
 
 
-def _outcome(law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> Outcome:
-    """The law put to the solver, which finds the global generators in one state before each problem.
+def _outcome(
+    law: Law, solver: DirectionSolver, arguments: dict[str, Any], limit: float | None = None
+) -> tuple[Outcome, float]:
+    """The law put to the solver, and its tolerance then; LawBroken, caused by IsolationError, where it gets lost.
+
+    limit: seconds that an isolated solver has, in place of its usual limit.
+    """
+    if not isinstance(solver, Isolated):
+        return _outcome_here(solver, law.check, arguments)
+    try:
+        found: tuple[Outcome, float] = solver.apply(_outcome_here, law.check, arguments, time_limit=limit)
+    except IsolationError as lost:
+        shown = "".join(map(described, _problems_in(arguments)[:1]))
+        raise LawBroken(f"solve should come back with a Direction; found {lost}{shown}") from lost
+    return found
+
+
+def _outcome_here(
+    solver: DirectionSolver, check: Callable[..., Outcome], arguments: dict[str, Any]
+) -> tuple[Outcome, float]:
+    """The solver finds the global generators in one state before each problem.
 
     So do tests that Hypothesis runs; but problems that were kept are put to a solver outside of it.
     """
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002 - `_traceless` gives the caller's state back
     with restored():  # what a solver changes once, and finds changed ever after, would pass the law about it
-        return law.check(solver, **arguments)
+        return check(solver, **arguments), tolerance_of(solver)
 
 
 @contextmanager

@@ -10,7 +10,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
+from ..problem import DirectionProblem
 from ..published.function_solver import FunctionSolver
+from ..solvers import compile_kernels
+from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 
 
@@ -32,6 +37,37 @@ class Subject:
     solver: DirectionSolver
     imports: tuple[str, ...]
     expression: str
+
+
+def checkable_solver(target: str) -> DirectionSolver:
+    """The solver of a target that can be checked. Raises CannotCheck.
+
+    A small problem shows whether a package is missing; whatever else it shows is for the laws.
+    """
+    solver = load_subject(target).solver
+    try:
+        tolerance_of(solver)
+    except ValueError as error:
+        raise CannotCheck(f"{target}: {error}") from error
+    try:
+        get_ready(solver)
+    except ImportError as error:
+        raise CannotCheck(f"{target} should have the packages that it needs; found {error}") from error
+    except Exception:
+        pass
+    return solver
+
+
+def get_ready(solver: DirectionSolver) -> None:
+    """Does once what is not in the solver's time: compiles the oracle that the laws compare with; imports packages."""
+    compile_kernels()
+    solver.solve(DirectionProblem([1.0, 2.0], np.array([[1.0, 0.0]])))
+
+
+def spelling_of(_: object, target: str) -> tuple[tuple[str, ...], str]:
+    """Statements and the expression by which a test gets the solver of a target."""
+    subject = load_subject(target)
+    return subject.imports, subject.expression
 
 
 def load_subject(target: str) -> Subject:

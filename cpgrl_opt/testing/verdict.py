@@ -1,11 +1,13 @@
 """`check_direction_solver`: every law put to a solver, and the verdict with counts and counterexamples."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from scipy.special import bdtrc
 
+from ..isolation import Isolated
 from ..solvers.facts import facts_of, tolerance_of
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
@@ -13,12 +15,16 @@ from .counterexample import counterexample_code
 from .examination import Examination, examine
 from .law import LawBroken
 from .laws import LAWS, Law
+from .strategies import Case
+from .subject import get_ready
 
 # A solver may give up on this part of the problems that float64 determines, and on one in any case.
 MOST_DECLINED = 0.05
 # Among fewer problems than this a rate says little: then it counts as too high where so many would come by chance, at
 # the rate allowed, once in a thousand times. A decade more, and one right solver in five fails some law by chance.
 _FEW, _BY_CHANCE = 50, 1e-3
+_MOST_LOST = 3  # laws on which an isolated solver hung or crashed, each a minute or more, until the rest is given up
+Spelled = tuple[tuple[str, ...], str]
 
 
 @dataclass(frozen=True)
@@ -156,16 +162,52 @@ def check_direction_solver(
     problems more may be declined, if it may be by chance; all results together are judged in the same way.
     Raises ValueError for names of checks that do not exist, and where `tolerance_of(solver)` does.
     """
-    tolerance = tolerance_of(solver)
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):
         require_member("check", name, tuple(LAWS))
-    results = tuple(
-        check_law(law, solver, reason=expected.get(law.name, ""), max_examples=max_examples, seed=seed)
-        for law in LAWS.values()
-        if checks is None or law.name in checks
-    )
-    return Verdict(_solver_name(solver), tolerance, max_examples, seed, results)
+    chosen = [law for law in LAWS.values() if checks is None or law.name in checks]
+    return verdict_on(solver, chosen, expected, max_examples=max_examples, seed=seed, name=_solver_name(solver))
+
+
+def verdict_on(
+    solver: DirectionSolver,
+    laws: Iterable[Law],
+    expected: Mapping[str, str],
+    *,
+    max_examples: int,
+    seed: int,
+    name: str,
+    spelled: Spelled = ((), ""),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Verdict:
+    """`check_direction_solver` of some laws. progress: is told the name of each that is done."""
+    if isinstance(solver, Isolated):
+        solver.begin_with(_get_ready)
+    tolerance = tolerance_of(solver)
+    results: list[CheckResult] = []
+    lost = 0
+    for law in laws:
+        before = losses_of(solver)
+        reason = expected.get(law.name, "")
+        if lost >= _MOST_LOST:
+            problem = f"not run: the solver's process was lost on {_MOST_LOST} laws before."
+            results.append(CheckResult(law.name, law.statement, reason=reason, problem=problem))
+        else:
+            found = check_law(law, solver, reason=reason, max_examples=max_examples, seed=seed, spelled=spelled)
+            results.append(found)
+        lost += losses_of(solver) > before
+        progress(law.name)
+    return Verdict(name, tolerance, max_examples, seed, tuple(results))
+
+
+def _get_ready(solver: DirectionSolver) -> None:
+    with suppress(Exception):  # the laws will meet it again
+        get_ready(solver)
+
+
+def losses_of(solver: DirectionSolver) -> int:
+    """How many processes an isolated solver has lost."""
+    return solver.losses if isinstance(solver, Isolated) else 0
 
 
 def check_law(
@@ -175,7 +217,7 @@ def check_law(
     reason: str = "",
     max_examples: int = 100,
     seed: int = 0,
-    spelled: tuple[tuple[str, ...], str] = ((), ""),
+    spelled: Spelled = ((), ""),
 ) -> CheckResult:
     """One law put to a solver; `reason` declares that it is bound to fail.
 
@@ -183,7 +225,7 @@ def check_law(
     """
     tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
     try:
-        cases = law.applies_to(solver)
+        cases = solver.apply(_cases, law.name) if isinstance(solver, Isolated) else law.applies_to(solver)
         if not cases:
             return CheckResult(law.name, law.statement, supported=False)
     except LawBroken as broken:  # by `supports`, on the first problem that it was asked about
@@ -209,6 +251,10 @@ def check_law(
         problem=problem,
         counterexample=_code(law, solver, found.arguments, spelled) if found.arguments else "",
     )
+
+
+def _cases(solver: DirectionSolver, law: str) -> list[Case]:
+    return LAWS[law].applies_to(solver)
 
 
 def _declined_too_often(law: Law, solver: DirectionSolver, found: Examination) -> str:
@@ -239,7 +285,7 @@ def _must_answer(law: Law) -> bool:
     return not (law.may_decline or law.about_infeasible)
 
 
-def _code(law: Law, solver: DirectionSolver, arguments: dict[str, Any], spelled: tuple[tuple[str, ...], str]) -> str:
+def _code(law: Law, solver: DirectionSolver, arguments: dict[str, Any], spelled: Spelled) -> str:
     imports, expression = spelled
     return counterexample_code(law, solver, arguments, imports=imports, spelled=expression)
 

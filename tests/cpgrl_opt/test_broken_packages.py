@@ -86,7 +86,7 @@ def test_a_comparison_of_all_goes_on_with_the_others_and_says_so(
     )  # fmt: skip
     open_checkpoint(settings, tmp_path, {}).finished({})
     write_measurements(tmp_path / "measurements.csv", [done])
-    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     said: list[str] = []
     run_command(request, tmp_path, jobs=1, anew=False, say=said.append)
     assert said[0] == f"proxqp is broken: {LIBGOMP}, so that it is not compared; see `cpgrl solvers`."

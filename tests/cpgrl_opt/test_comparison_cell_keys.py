@@ -108,7 +108,7 @@ Old = tuple[Path, dict[str, str], ComparisonSettings]
 def test_a_folder_from_before_the_keys_is_taken_as_it_is(old: Old, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, versions, settings = old
     before = read_measurements(folder / "measurements.csv")
-    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     measured = run_comparison(settings, open_checkpoint(settings, folder, versions))
     assert measured == [each for each in before if each.solver in settings.solvers]
     assert len(measured) == 60
@@ -141,7 +141,7 @@ def test_the_version_of_a_package_is_in_the_keys_of_its_solvers(monkeypatch: pyt
 def test_whatever_draws_solves_and_judges_is_in_every_key_and_what_reports_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    modules = sources_of("cpgrl_opt.comparison.worker").modules
+    modules = sources_of("cpgrl_opt.comparison.bench").modules
     for name in ("certify", "solvers.active_set", "comparison.generators", "comparison.judgement", "comparison.raw"):
         assert f"cpgrl_opt.{name}" in modules
     assert not any("report" in name or "testing" in name for name in modules)

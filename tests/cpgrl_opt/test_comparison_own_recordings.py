@@ -40,7 +40,7 @@ def test_a_recording_is_compared_beside_named_families_and_resumed(
     assert verdicts == {"OPTIMAL", "INFEASIBLE"}, "feasible and infeasible problems are judged one by one"
     assert "| `own.npz` | problems met in training" in Path("out/report.md").read_text(encoding="utf-8")
 
-    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     assert compare(MIXED, Path("out")).measurements == done.measurements
     assert compare(replace(MIXED, families=["./own.npz"]), Path("out")).kept == 1
 

@@ -129,7 +129,7 @@ def test_cells_that_are_not_asked_for_stay(tmp_path: Path, monkeypatch: pytest.M
         for solver, variant, family in whole.cells() for number in range(2)
     ]  # fmt: skip
     checkpoint.append(rows)
-    monkeypatch.setattr("cpgrl_opt.comparison.processes.subprocess.Popen", None)  # no worker is needed
+    monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     part = replace(whole, solvers=("active-set",), families=("duplicate",))
     others = {"numpy": "2.4", "osqp": "1.1"}  # another solver stands on other packages
     checkpoint = open_checkpoint(part, tmp_path, others)

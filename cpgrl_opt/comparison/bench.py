@@ -1,31 +1,24 @@
-"""A process that solves what it is sent, until its parent is gone, or it hangs or dies.
+"""One measurement: a problem is drawn and judged, and a contestant timed beside the default, in a process of its own.
 
-Orders come pickled on stdin, replies go pickled to what was stdout. File descriptors 1 and 2 lead into a file
-meanwhile, so that whatever a library prints, from C too, is noticed. The parent watches the clocks: a CPU timer in
-here (ITIMER_PROF, RLIMIT_CPU) would turn the process's CPU clock into one that ticks every 4 ms.
+The process's limits are kept by its caller: a CPU timer in here (ITIMER_PROF, RLIMIT_CPU) would turn the process's CPU
+clock into one that ticks every 4 ms.
 """
 
-import ctypes
-import os
-import pickle
-import signal
-import sys
-import tempfile
-import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from statistics import median
 from time import process_time_ns
-from typing import Any, BinaryIO
+from typing import Any
 
 from ..answers import as_direction
 from ..direction import Direction
+from ..isolation import HangError, Isolated, IsolationError, output_size
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS, MissingPackageError, compile_kernels
 from ..solvers.packages import require_packages
-from .contestants import DEFAULT_SOLVER, contestant
+from .contestants import DEFAULT_SOLVER, Contestant, contestant
 from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import ProblemFamily
 from .judgement import CRASHED, HUNG, UNSUPPORTED, Judgement, judge
@@ -35,6 +28,12 @@ from .named_families import family_named
 Solve = Callable[[DirectionProblem], Any]
 
 TIMING_BUDGET = 0.4  # s of CPU on one problem, for what is slow
+_START_LIMIT = 600.0  # s on the clock for imports and, on a machine's first day, for compiling the default solver
+_WALL_FACTOR = 4.0  # the CPU limit ends what computes; this many times it on the clock ends what sleeps
+_WALL_ALLOWANCE = 2.0  # s on the clock
+_TIMING = 3.0 * TIMING_BUDGET  # s of CPU for repeated calls after the answer, the default's among them
+# One thread each: CPU time counts all threads, and two processes share the cores.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS")
 _WARM_BELOW = 2e-3  # s: what is faster is called once more before each timed call, its caches being another's
 
 
@@ -60,13 +59,6 @@ class Started:
     default_seconds: float
 
 
-@dataclass(frozen=True)
-class Refused:
-    """The order cannot be carried out at all."""
-
-    message: str
-
-
 def unanswered(order: Order, started: Started, judgement: Judgement, *, noise: bool = False) -> Measurement:
     """The measurement of a contestant that gave no answer: it counts as the limit."""
     return measured(order, started, judgement, seconds=order.limit, noise=noise)
@@ -84,22 +76,6 @@ def measured(
     )  # fmt: skip
 
 
-def serve() -> None:
-    """Carries out orders until stdin ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends this process
-    with NoiseFile() as noise:
-        bench: Bench | None = None
-        while (order := receive(sys.stdin.buffer)) is not None:
-            bench = bench or Bench()
-            try:
-                for reply in bench.carry_out(order, noise):
-                    send(noise.channel, reply)
-            except Exception as error:  # the parent raises it; what a contestant raises does not come here
-                told = "".join(traceback.format_exception(error))
-                is_known = isinstance(error, ValueError | MissingPackageError)
-                send(noise.channel, Refused(str(error) if is_known else told))
-
-
 @dataclass(frozen=True, eq=False)
 class Drawn:
     """A problem of a family. exact: where it is feasible, in rational arithmetic too, and small."""
@@ -113,6 +89,8 @@ class Bench:
     """The problems of the family at hand, drawn once for all solvers, with their exact answers."""
 
     def __init__(self) -> None:
+        for category in (UserWarning, RuntimeWarning):  # shown each time, not once: every problem is judged alike
+            warnings.simplefilter("always", category)
         self.default: Solve = SOLVERS[DEFAULT_SOLVER].solve
         compile_kernels()  # so that no measurement does
         self.key: tuple[str, int] = ("", 0)
@@ -129,33 +107,68 @@ class Bench:
             self.drawn[number] = Drawn(problem, feasible, exact if exact is not None and exact.feasible else None)
         return self.drawn[number]
 
-    def carry_out(self, order: Order, noise: "NoiseFile") -> Iterator[Started | Measurement]:
-        """First what the default needs, then what the contestant does."""
+    def prepare(self, order: Order) -> Started:
+        """Imports, draws and times the default. Raises what makes the order impossible."""
         family = family_named(order.family)
-        candidate = contestant(order.solver, order.variant)
+        self.candidate: Contestant = contestant(order.solver, order.variant)
         load_packages(order.solver)
-        drawn = self.problem(family, order.problem, order.seed)
-        problem = drawn.problem
+        self.at = self.problem(family, order.problem, order.seed)
+        problem = self.at.problem
         self.default(problem)
-        started = Started(problem.n, problem.m, min(seconds_of(self.default, problem) for _ in range(3)))
-        yield started
+        seconds = min(seconds_of(self.default, problem) for _ in range(3))
+        self.started = Started(problem.n, problem.m, seconds)
+        return self.started
+
+    def measure(self, order: Order) -> Measurement:
+        """What the contestant does with the problem that `prepare` has drawn for the same order."""
+        candidate, problem, started = self.candidate, self.at.problem, self.started
         if not candidate.supports(problem):
-            yield measured(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
-            return
-        noise.grew()
+            return measured(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
+        silent = output_size()
         own = problem.copied()  # what it does to its arrays, flags or no flags, the judge and the others do not see
         direction, first = answered(candidate.solve, own)
         judgement = CRASHED
         if direction is not None:
             is_raw = order.variant == "raw"
-            judgement = judge(problem, direction, feasible=drawn.feasible, exact=drawn.exact, verdict_only=is_raw)
-        if first > order.limit:  # came back before its parent looked
+            judgement = judge(problem, direction, feasible=self.at.feasible, exact=self.at.exact, verdict_only=is_raw)
+        if first > order.limit:  # came back before its caller looked
             judgement = HUNG
         if direction is None or judgement is HUNG:
-            yield unanswered(order, started, judgement, noise=noise.grew())
-            return
+            return unanswered(order, started, judgement, noise=output_size() != silent)
         seconds, ratio = timed(candidate.solve, self.default, own, first=first, repeats=order.repeats)
-        yield measured(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise.grew())
+        noise = output_size() != silent
+        return measured(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise)
+
+
+def isolated_bench() -> Isolated:
+    """A bench in a process of its own."""
+    return Isolated.made_by(Bench, environment=dict.fromkeys(_ONE_THREAD, "1"))
+
+
+def measurement_of(order: Order, bench: Isolated) -> Measurement:
+    """The measurement; a hang or a crash of the process is one too.
+
+    Raises ValueError for an order that cannot be carried out, RuntimeError where the process ends before the contestant
+    is called.
+    """
+    try:
+        started = bench.apply(".prepare", order, time_limit=_START_LIMIT)
+    except IsolationError as lost:
+        raise RuntimeError(
+            f"a worker should start on {order.family} for {order.solver}; found {lost} before {order.solver} was called"
+        ) from lost
+    except (ValueError, MissingPackageError):
+        raise
+    except Exception as error:  # of a module of the user's, whose traceback is told
+        raise ValueError("\n".join(getattr(error, "__notes__", ()))) from error
+    wall = _WALL_FACTOR * order.limit + _WALL_ALLOWANCE
+    try:
+        found: Measurement = bench.apply(".measure", order, time_limit=wall, cpu_limit=order.limit + _TIMING)
+    except HangError:
+        return unanswered(order, started, HUNG)
+    except Exception:  # also of its `supports`
+        return unanswered(order, started, CRASHED)
+    return found
 
 
 def answered(solve: Solve, problem: DirectionProblem) -> tuple[Direction | None, float]:
@@ -199,51 +212,3 @@ def load_packages(solver: str) -> None:
         require_packages(SOLVERS[solver])
         for name in ("qpsolvers", "scipy.sparse", "scipy.optimize"):
             import_module(name)
-
-
-class NoiseFile:
-    """Takes over file descriptors 1 and 2; `channel` is the former 1."""
-
-    def __enter__(self) -> "NoiseFile":
-        self.channel: BinaryIO = os.fdopen(os.dup(1), "wb")
-        self.file = tempfile.TemporaryFile()
-        for descriptor in (1, 2):
-            os.dup2(self.file.fileno(), descriptor)
-        for category in (UserWarning, RuntimeWarning):  # shown each time, not once: every problem is judged alike
-            warnings.simplefilter("always", category)
-        self._flush_c: Callable[..., Any] | None = getattr(c_library(), "fflush", None)
-        self.size = 0
-        return self
-
-    def grew(self) -> bool:
-        """Whether anything was written since the last look."""
-        sys.stdout.flush()
-        sys.stderr.flush()
-        if self._flush_c is not None:
-            self._flush_c(None)  # all of C's streams
-        before, self.size = self.size, os.fstat(self.file.fileno()).st_size
-        return self.size > before
-
-    def __exit__(self, *exception: object) -> None:
-        self.channel.close()
-
-
-def c_library() -> Any:
-    """The C library that Python itself uses."""
-    if os.name == "nt":
-        return getattr(ctypes, "cdll").msvcrt  # noqa: B009 - absent elsewhere
-    return ctypes.CDLL(None)
-
-
-def send(stream: BinaryIO, message: object) -> None:
-    """One pickled message, at once."""
-    pickle.dump(message, stream)
-    stream.flush()
-
-
-def receive(stream: BinaryIO) -> Any:
-    """The next message, None where the other side is gone."""
-    try:
-        return pickle.load(stream)
-    except (EOFError, pickle.UnpicklingError, OSError):
-        return None
