@@ -43,6 +43,12 @@ def test_every_linked_file_exists(name):
     assert (ROOT / name.split("#")[0]).exists()
 
 
+def test_every_test_file_that_ci_lists_exists():
+    listed = re.findall(r"tests/\S+\.py", (ROOT / ".ci/run").read_text(encoding="utf-8"))
+    assert len(listed) > 10
+    assert [name for name in listed if not (ROOT / name).exists()] == []
+
+
 def test_it_counts_the_laws():
     assert f"through {len(LAWS)} laws" in README
 
