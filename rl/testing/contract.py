@@ -1,6 +1,12 @@
-"""What a check raises."""
+"""What a check raises, and how it is put to what may not come back."""
 
+from collections.abc import Callable
+from functools import partial, wraps
 from typing import Any
+
+from cpgrl_opt.isolation import IsolationError, call
+
+_LONGEST = 3600.0  # s, where only memory has a limit
 
 
 class ContractBroken(AssertionError):  # noqa: N818 - the name says what happened
@@ -11,3 +17,23 @@ def require(holds: Any, should: str, found: object) -> None:
     """ContractBroken "… should …; found …" unless it holds."""
     if not holds:
         raise ContractBroken(f"{should}; found {found}")
+
+
+def isolatable(check: Callable[..., None]) -> Callable[..., None]:
+    """The check with two more settings, `time_limit` in seconds and `memory_limit` in bytes.
+
+    With either it runs in a process of its own, to which its arguments are pickled. What hangs, crashes or asks for
+    more memory there is ContractBroken too, which says where it was.
+    """
+
+    @wraps(check)
+    def checked(*given: Any, time_limit: float | None = None, memory_limit: int | None = None, **settings: Any) -> None:
+        if time_limit is None and memory_limit is None:
+            return check(*given, **settings)
+        limit = _LONGEST if time_limit is None else time_limit
+        try:
+            call(partial(checked, *given, **settings), time_limit=limit, memory_limit=memory_limit)
+        except IsolationError as lost:
+            raise ContractBroken(f"{check.__name__} should come back; found {lost}") from lost
+
+    return checked

@@ -11,7 +11,7 @@ import numpy as np
 from envs.interface import continuous_kernels_of, finite_kernel_of
 
 from ..channels import declared, event_key, layers
-from .contract import require
+from .contract import isolatable, require
 from .kernels import check_continuous_kernels, check_finite_kernel
 
 # (observation, action, next observation) → what each channel should yield, (1 + m,)
@@ -30,6 +30,7 @@ class Transition:
     given: dict[str, Any] = field(default_factory=dict)
 
 
+@isolatable
 def check_constrained_env(
     env: Any, *, steps: int = 400, seed: int = 0, expected_reward: ExpectedReward | None = None, z: float = 6.0
 ) -> None:
@@ -46,6 +47,8 @@ def check_constrained_env(
     that environment's `step`: a finite MDP's rewards exactly; its transitions, and everything of continuous kernels,
     in distribution, within `z` standard errors, so that a right environment fails with a chance of about 2e-9 a
     number compared (z = 6).
+    time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
+    what hangs or crashes there is ContractBroken too (`contract.isolatable`).
     Not seen: a seed that is ignored by an environment that draws nothing, bias below the standard errors, and what
     random actions do not reach.
     """

@@ -12,7 +12,7 @@ from cpgrl_opt.arrays import Bool, Float
 from envs import TabularMDP
 
 from ..policies import SoftmaxTable
-from .contract import require
+from .contract import isolatable, require
 from .estimators import check_gradients, scaled
 
 _STATES, _ACTIONS = 3, 2
@@ -107,6 +107,7 @@ class EpisodicEnv(gymnasium.Env[np.int64, np.int64]):
         )
 
 
+@isolatable
 def check_episodic_estimator(
     estimator: Any,
     *,
@@ -130,6 +131,8 @@ def check_episodic_estimator(
     average: what the estimator reports, for all channels or for each: "step", E[Σ r]/E[T], or "episode", E[Σ r].
     first_step: whether the first step counts in the former; it does not in GPOMDP's with the weights "paper".
     bias, up_to_scale, and where too little was sampled to tell: as in `check_gradient_estimator`.
+    time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
+    what hangs or crashes there is ContractBroken too (`contract.isolatable`).
     Not seen: errors below the bias allowed; a ρ-term that is wrong by less.
     """
     for number in range(mdps):

@@ -10,7 +10,7 @@ from envs import TabularMDP
 
 from ..carried import put_back, state_of
 from ..policies import SoftmaxTable
-from .contract import ContractBroken, require
+from .contract import ContractBroken, isolatable, require
 
 _STATES, _ACTIONS, _CHANNELS = 4, 3, 3
 _AVERAGES = np.array([0.1, -0.05, 0.05])
@@ -18,6 +18,7 @@ _CANDIDATES = 6
 _BLIND = 0.35  # of ‖∇gⁱ‖: an error of this size must stand out from the noise, or the check says nothing
 
 
+@isolatable
 def check_gradient_estimator(
     estimator: Any,
     *,
@@ -43,6 +44,8 @@ def check_gradient_estimator(
     up_to_scale: for an estimator whose Δ is only proportional to ∇g, as `KondaActorCritic` at the paper's rates; each
     Δⁱ is scaled by the positive number that fits best.
     bias: what trace_decay < 1 and short episodes cost; see the estimator's own statement.
+    time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
+    what hangs or crashes there is ContractBroken too (`contract.isolatable`).
     Not seen: errors below the bias allowed; environments with real vectors as states.
     """
     for number in range(mdps):

@@ -72,10 +72,8 @@ def test_the_environment_keeps_what_training_relies_on() -> None:
             {"average": "step", "first_step": False, "episodes": 1500},
             marks=pytest.mark.slow,
         ),
-        pytest.param(USUAL, {"mdps": 4, "seed": 1, "episodes": 500}, marks=pytest.mark.slow),
-        pytest.param(KONDA, {"mdps": 4, "seed": 1, "episodes": 500, "warm_up": 150}, marks=pytest.mark.slow),
     ],
-    ids=["usual", "paper, per episode", "Konda", "paper, per step", "usual, more", "Konda, more"],
+    ids=["usual", "paper, per episode", "Konda", "paper, per step"],
 )  # fmt: skip
 def test_a_right_estimator_passes(estimator: Any, options: dict[str, Any]) -> None:
     check_episodic_estimator(estimator, **{**ONCE, **options})
@@ -105,9 +103,8 @@ class WithoutLength:
         (KondaActorCritic(average="episode", gradient="episode mean"), SUMS, "Δ of channel 0"),
         (WithoutLength(GPOMDP(weights="usual")), {"average": "step"}, r"Δ of channel \d should be ∇g"),
         (GPOMDP(weights="usual", average="episode"), {"average": "step", "episodes": 40}, "exact average per step"),
-        (GPOMDP(), {"average": "step", "episodes": 80}, r"ρ of channel \d|Δ of channel \d"),
     ],
-    ids=["own mean, sums", "own mean, ratios", "Konda, own mean", "no ρ-term", "another average", "no first step"],
+    ids=["own mean, sums", "own mean, ratios", "Konda, own mean", "no ρ-term", "another average"],
 )  # fmt: skip
 def test_an_estimator_of_another_gradient_is_told_what_should_be(
     estimator: Any, options: dict[str, Any], told: str

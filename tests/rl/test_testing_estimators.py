@@ -1,6 +1,7 @@
 """`check_gradient_estimator`: right estimators pass, each known-bad one is told what should be."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -42,12 +43,10 @@ class PlainRuns:
             reward = self.mdp.rewards[:, states, actions].T
             score = np.zeros(tables.shape)
             score[each, states, actions] = 1.0
-            if self.fault != "score without its mean":
-                score[each, states] -= tables[each, states]
+            score[each, states] -= tables[each, states]
             past = 0.0 if self.fault == "dropped trace" else 0.9 * trace
-            met = past if self.fault == "forgotten score" else past + score
-            gradients += reward[:, :, None, None] * met[:, None]
             trace, rewards = past + score, rewards + reward
+            gradients += reward[:, :, None, None] * trace[:, None]
             states = (draws[:, t, 1:] >= self.mdp.transitions[states, actions].cumsum(axis=1)[:, :-1]).sum(axis=1)
         return self.told(rewards / self.steps, gradients.reshape(runs, channels, -1) / self.steps, parameters)
 
@@ -58,10 +57,6 @@ class PlainRuns:
             gradients = gradients[:, [0, 2, 1]]
         if self.fault == "averages swapped":
             values = values[:, [1, 0, 2]]
-        if self.fault == "sums, not averages":
-            values = values * self.steps
-        if self.fault == "a constraint's gradient twice":
-            gradients[:, 0] += gradients[:, 1]
         if self.fault == "one channel":
             gradients = gradients[:, :1]
         if self.fault == "NaN":
@@ -77,13 +72,9 @@ class PlainRuns:
 
 FAULTS = {
     "dropped trace": r"Δ of channel \d should be ∇g\d, .*; found it off by",
-    "forgotten score": r"Δ of channel \d should be ∇g\d",
-    "score without its mean": r"Δ of channel \d should be ∇g\d|standard error",
     "cost instead of reward": r"Δ of channel 0 should be ∇g0, .*cosine -0\.9",
     "channels swapped": r"Δ of channel 1 should be ∇g1",
-    "a constraint's gradient twice": r"Δ of channel 0 should be ∇g0",
     "averages swapped": r"ρ of channel 0 should be the exact average 0\.1 .*: that is channel 1's",
-    "sums, not averages": r"ρ of channel 0 should be the exact average",
     "unseeded": "should be the same bits from the same streams",
     "one stream for all": "should be the same bits from each run alone",
     "one channel": r"gradients should have shape \(3, 3, 12\); found \(3, 1, 12\)",
@@ -129,24 +120,12 @@ def test_too_few_samples_to_tell_are_not_taken_for_a_success():
         check_gradient_estimator(GPOMDP(), runs=3, episodes=1, bias=5.0)
 
 
-class Forgetful(PlainRuns):
-    """Says that it carries less than it does."""
-
-    carried = ("kept",)
-
-
-class Telling(PlainRuns):
-    carried = ("kept", "rngs")
-
-
-@pytest.mark.parametrize("runs", [Forgetful, Telling])
-def test_what_is_carried_is_named_whole_or_not_at_all(runs):
-    class Estimator:
-        def start(self, environment, policy, streams):
-            return runs(Plain(), environment, policy, streams)
-
-    if runs is Telling:
-        check_gradient_estimator(Estimator(), **SMALL)
+@pytest.mark.parametrize("carried", [("kept",), ("kept", "rngs")])
+def test_what_is_carried_is_named_whole_or_not_at_all(carried):
+    runs = type("Runs", (PlainRuns,), {"carried": carried})
+    estimator = SimpleNamespace(start=lambda *arguments: runs(Plain(), *arguments))
+    if "rngs" in carried:
+        check_gradient_estimator(estimator, **SMALL)
         return
     with pytest.raises(ContractBroken, match="goes on from what `carried` names; found a difference of"):
-        check_gradient_estimator(Estimator(), **SMALL)
+        check_gradient_estimator(estimator, **SMALL)
