@@ -41,7 +41,15 @@ COPIED = ("cpgrl_opt", "rl", "envs", "tests", "benchmarks")
 PATIENCE = 120.0  # s; kernels that have to be compiled anew take up to one minute
 
 _REFEREE = ("certify", "violation", "infeasible_claims", "kkt_geometry", "residuals_*", "feasibility")
-_CORES = ("compiled_*", "interpreted_kernels", "solvers_*", "climb_*", "direction_batch", "infeasible_claims")
+_CORES = (
+    "compiled_*",
+    "interpreted_kernels",
+    "solvers_*",
+    "climb_*",
+    "direction_batch",
+    "infeasible_claims",
+    "broken_packages",
+)
 _LONG = ("compiled_sums", "reduction", "long_*", "vectors_*", "every_kind_*", "step_in_span")
 # Modules, as patterns, and the tests that are about them.
 TESTS = {

@@ -103,10 +103,10 @@ def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
     if len(shape) != 2 or not is_long(*shape):
         return None
     rows = tuple(map(read_only, rows)) if isinstance(rows, tuple) else real_view("jacobian", rows, 2)
-    view = ArrayVectors(real_view("gradient", gradient, 1), rows)
-    if len(view.gradient) != shape[1]:
-        require_shape("gradient", view.gradient, shape[1:])
-    return view
+    g = real_view("gradient", gradient, 1)
+    if len(g) != shape[1]:
+        require_shape("gradient", g, shape[1:])
+    return ArrayVectors(g, rows)
 
 
 def _in_memory(value: Any) -> Any:

@@ -21,16 +21,6 @@ def batch_of(rng: np.random.Generator, count: int = 4, m: int = 3, n: int = 9) -
     return ProblemBatch(rng.normal(size=(count, n)), rng.normal(size=(count, m, n)))
 
 
-def test_a_batch_reads_as_the_directions_of_a_loop() -> None:
-    problems = batch_of(np.random.default_rng(1))
-    for solver in (SOLVERS["nnls"], SOLVERS["active-set"]):
-        batch = solver.solve_batch(problems)  # type: ignore[attr-defined]
-        for together, problem in zip(batch, problems, strict=True):
-            alone = solver.solve(problem)
-            assert (together.residuals, together.status) == (alone.residuals, alone.status)
-            np.testing.assert_array_equal(together.value, alone.value)
-
-
 @pytest.mark.parametrize("name", ["active-set", "nnls", "rosen-drop"])
 @pytest.mark.parametrize("theta", [1.0, 1e-6], ids=["generic", "nearly opposing"])
 def test_residuals_are_those_of_the_referee(name: str, theta: float) -> None:
@@ -108,22 +98,3 @@ def test_batches_that_know_different_things_are_joined() -> None:
 def test_threads_are_a_number_of_them(threads: object) -> None:
     with pytest.raises(ValueError, match="threads should be an integer ≥ 1"):
         solve_batch(SOLVERS["active-set"], batch_of(np.random.default_rng(7)), threads=threads)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("geometry", [{"metric": [1.0, 2.0, 3.0]}, {"radius": 0.5}], ids=["metric", "radius"])
-def test_residuals_and_rung_are_known_in_a_geometry_too(geometry: dict[str, object]) -> None:
-    problem = DirectionProblem([1.0, 1.0, 1.0], [[-1.0, 0.0, 1.0]], 0.1, **geometry)  # type: ignore[arg-type]
-    for name in ("active-set", "nnls"):
-        answer = SOLVERS[name].solve(problem)
-        assert (answer.status, answer.rung) == (Status.OPTIMAL, "rows")
-        assert answer.residuals == pytest.approx(kkt_residuals(problem, answer), abs=1e-15)
-
-
-def test_claims_of_others_are_put_before_the_referee_in_batches_too() -> None:
-    class Idle:
-        def solve(self, problem: DirectionProblem) -> Direction:
-            return Direction(problem.gradient, np.zeros(problem.m), Status.OPTIMAL)
-
-    problems = [DirectionProblem([1.0, 1.0], [[-1.0, 0.0]]), DirectionProblem([-1.0, 1.0], [[-1.0, 0.0]])]
-    assert [each.status for each in solve_batch(Idle(), problems)] == [Status.UNCERTIFIED, Status.OPTIMAL]
-    assert [each.status for each in solve_batch("active-set", problems)] == [Status.OPTIMAL, Status.OPTIMAL]

@@ -90,8 +90,3 @@ def test_without_a_folder_for_the_cache_kernels_are_compiled_with_a_warning(
     exec(compile(source.read_text(), str(source), "exec"), namespace)
     with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
         assert compiled("f8(f8)", namespace["doubled"])(2.0) == 4.0
-
-
-def test_machine_code_once_loaded_is_used() -> None:
-    _ = project_directly.machine_code
-    assert project_directly.calls_to_interpret == 0

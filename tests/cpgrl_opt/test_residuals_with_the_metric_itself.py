@@ -8,22 +8,9 @@ import pytest
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.compensated import products
 
+from .long import rational, solve_exactly
+
 ACTIVE_SET = SOLVERS["active-set"]
-
-
-def rational(array):
-    return np.vectorize(Fraction, otypes=[object])(np.asarray(array))
-
-
-def solved(A, B):
-    """A⁻¹B in exact rationals, A symmetric positive definite."""
-    A, B = A.copy(), B.copy()
-    for i in range(len(A)):
-        for j in range(len(A)):
-            if j != i:
-                factor = A[j, i] / A[i, i]
-                A[j], B[j] = A[j] - factor * A[i], B[j] - factor * B[i]
-    return B / A.diagonal()[:, None]
 
 
 def exact_stationarity(problem, answer):
@@ -32,7 +19,7 @@ def exact_stationarity(problem, answer):
     d, mu = rational(answer.value), rational(answer.multipliers)
     kappa = Fraction(1) if problem.radius is None else Fraction(float(answer.radius_multiplier))
     force = kappa * (M @ d) - g - mu @ J
-    inverse = solved(M, np.column_stack([force, g]))
+    inverse = solve_exactly(M, np.column_stack([force, g]))
     strength = float(g @ inverse[:, 1]) ** 0.5
     unit = strength if problem.radius is not None else max(strength, float(d @ M @ d) ** 0.5)
     return float(force @ inverse[:, 0]) ** 0.5 / unit
@@ -106,9 +93,9 @@ def test_the_factors_of_a_metric_are_the_metric_and_not_its_rounding():
         problem = ill_conditioned(seed, 11)
         M, R, C = (rational(each) for each in (problem.metric, problem.whitening.factor, problem.whitening.correction))
         L = R @ C
-        missed = solved(M, M - L @ L.T).astype(float)
+        missed = solve_exactly(M, M - L @ L.T).astype(float)
         assert np.abs(np.linalg.eigvals(missed)).max() <= 1e-10
-        assert np.abs(np.linalg.eigvals(solved(M, M - R @ R.T).astype(float))).max() >= 1e-8
+        assert np.abs(np.linalg.eigvals(solve_exactly(M, M - R @ R.T).astype(float))).max() >= 1e-8
 
 
 def test_solvers_see_rows_and_gradients_that_whitening_would_underflow():

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
-from cpgrl_opt.comparison.exact import exact_answer
-from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.solvers import DirectionSolver, QPSolversBackend, is_installed
 from cpgrl_opt.solvers.through_qpsolvers import BACK_ENDS
 
@@ -56,18 +54,3 @@ def test_every_library_that_has_limits_gets_both(name: str) -> None:
     options = BACK_ENDS[name].options(settings).values()
     assert (12345 in options) == (name != "quadprog")
     assert (67.5 in options) == (name not in WITHOUT_TIME_LIMIT)
-
-
-def test_where_float64_ends_certified_answers_are_off_as_the_readme_says() -> None:
-    """Rows 1e-10 rad from opposing: exact. 1e-12: a residual of 1e-13 allows directions that are far off."""
-    farthest = {}
-    for name in ("opposing-1e-10", "opposing-1e-12"):
-        problems = [FAMILIES[name].problem(k, 0) for k in range(60)]
-        found = [(SOLVERS["active-set"].solve(problem), exact_answer(problem)) for problem in problems]
-        farthest[name] = max(
-            float(np.linalg.norm(answer.value - exact.direction) / np.linalg.norm(problem.gradient))
-            for problem, (answer, exact) in zip(problems, found, strict=True)
-            if exact.feasible and answer.status == Status.OPTIMAL
-        )
-    assert farthest["opposing-1e-10"] <= 1e-14
-    assert farthest["opposing-1e-12"] > 0.125  # more than an eighth, as it once said

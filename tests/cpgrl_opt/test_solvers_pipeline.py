@@ -37,11 +37,6 @@ def test_scaling_leaves_out_zero_rows_and_rows_that_are_off() -> None:
     np.testing.assert_array_equal(scaled.impossible, [False, False, False, True])
 
 
-def test_multipliers_come_back_in_the_problems_units() -> None:
-    problem = DirectionProblem([2.0, 0], [[-4.0, 0], [0, 0]])
-    np.testing.assert_array_equal(scale_problem(problem).original_multipliers(np.array([1.0])), [0.5, 0])
-
-
 def test_reduction_keeps_every_angle_in_at_most_m_plus_1_coordinates() -> None:
     scaled = scale_problem(problem_of(1))
     small, basis = reduce_problem(scaled.small)
@@ -111,16 +106,6 @@ def test_polishing_certifies_what_a_first_order_method_found(seed: int) -> None:
     assert kkt_residuals(problem, better).worst <= 1e-13
 
 
-def test_polishing_does_not_hide_a_wrong_answer() -> None:
-    def idle(small: SmallProblem) -> SmallAnswer:
-        return SmallAnswer(small.center.copy(), np.zeros(len(small.bound)))
-
-    problem = problem_of(0)
-    answer = solve_by(idle, problem, tolerance=TOLERANCE)
-    assert answer.status == Status.UNCERTIFIED
-    assert kkt_residuals(problem, answer).worst > 0.1
-
-
 def test_polishing_drops_an_undecided_row_with_a_negative_multiplier() -> None:
     problem = DirectionProblem([1.0, 1.0], [[-1, 0], [-1, 1e-8]])  # d = (0, 1): the second row is 1e-8 away
     scaled = scale_problem(problem)
@@ -187,12 +172,6 @@ def test_infeasibility_is_proven_down_to_a_gap_of_1e_8(gap: float, n: int) -> No
     assert abs(least.multipliers[2]) <= 1e-15
 
 
-@pytest.mark.parametrize("angle", [1e-3, 1e-6, 1e-9])
-def test_nearly_opposing_rows_are_feasible_however_far_the_answer(angle: float) -> None:
-    problem = DirectionProblem([1.0, 2, 3], [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]], [1, 1])
-    assert infeasible_direction(problem) is None
-
-
 @pytest.mark.parametrize("gap", [0.0, 1e-3, 1.0])  # ‖d‖ is 1e8: a gap of 1e-7 would be met to 1e-15 of it
 @pytest.mark.parametrize("seed", range(4))
 def test_rows_that_nearly_depend_do_not_blur_the_proof_of_rows_that_do(gap: float, seed: int) -> None:
@@ -244,11 +223,11 @@ def test_polished_answers_are_those_of_the_rows_as_given(name: str, family: str,
     assert np.linalg.norm(answer.value - exact.value) <= 1e-9 * np.linalg.norm(problem.gradient)
 
 
-@pytest.mark.parametrize("name", ["osqp", "cvxpy", "nnls", "enumeration", "clarabel"])
-def test_a_core_answers_a_small_problem_by_itself(name: str) -> None:
-    if not is_usable(SOLVERS[name]):
-        pytest.skip(f"{name} is not installed")
-    small = SmallProblem(np.array([-1.0, 2.0]), np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(1, np.bool_))
-    answer = SOLVERS[name].solve_small(small)  # type: ignore[attr-defined]
-    np.testing.assert_allclose(answer.point, [0.0, 2.0], atol=1e-6)
-    np.testing.assert_allclose(answer.multipliers, [1.0], atol=1e-6)
+def test_polishing_does_not_hide_a_wrong_answer() -> None:
+    def idle(small: SmallProblem) -> SmallAnswer:
+        return SmallAnswer(small.center.copy(), np.zeros(len(small.bound)))
+
+    problem = problem_of(0)
+    answer = solve_by(idle, problem, tolerance=TOLERANCE)
+    assert answer.status == Status.UNCERTIFIED
+    assert kkt_residuals(problem, answer).worst > 0.1
