@@ -2,17 +2,15 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch
 
 from .arrays import Float64, UInt8
+from .canvas import HEIGHT, INCHES, INK, blank_figure, picture_of
 from .tabular import TabularMDP
 
-_INK, _FAINT, _LIT, _TAKEN = "#26323b", "#d5dbe0", "#f2b134", "#c8452f"
-_INCHES, _DPI = 4.0, 100  # 400 × 400 pixels
+_FAINT, _LIT, _TAKEN = "#d5dbe0", "#f2b134", "#c8452f"
 _HALF_WIDTH, _HALF_HEIGHT = 1.75, 1.6  # what is shown, in units where the states stand on the unit circle
-_POINTS = 72 * 0.9 * _INCHES / (2 * _HALF_HEIGHT)  # of 1/72 inch in such a unit; 0.9: room for the caption
+_POINTS = 72 * HEIGHT * INCHES / (2 * _HALF_HEIGHT)  # of 1/72 inch in such a unit
 
 
 def draw_chain(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> UInt8[np.ndarray, "height width 3"]:
@@ -20,24 +18,19 @@ def draw_chain(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> UIn
 
     Without a last action the arrows show every move that some action can make. Red is the move that happened.
     """
-    figure = Figure(figsize=(_INCHES, _INCHES), dpi=_DPI)
-    canvas = FigureCanvasAgg(figure)  # no pyplot: no global state, no window
-    axes = figure.add_axes((0, 0, 1, 0.9))
+    figure, axes = blank_figure(_caption(mdp, state, last))
     axes.set(xlim=(-_HALF_WIDTH, _HALF_WIDTH), ylim=(-_HALF_HEIGHT, _HALF_HEIGHT), aspect="equal")
-    axes.set_axis_off()
     places = _places(mdp.states)
     radius = min(0.26, 1.6 / mdp.states)
     for source, target, width, colour in _moves(mdp, state, last):
         _draw_move(axes, places[source], places[target], radius, width, colour)
     for index, place in enumerate(places):
         fill = _LIT if index == state else "white"
-        axes.add_patch(Circle(tuple(place), radius, facecolor=fill, edgecolor=_INK, linewidth=1.5, zorder=3))
+        axes.add_patch(Circle(tuple(place), radius, facecolor=fill, edgecolor=INK, linewidth=1.5, zorder=3))
         if mdp.states <= 30:  # beyond that the names no longer fit
             name = f"$s_{{{index + 1}}}$"
             axes.text(place[0], place[1], name, ha="center", va="center", fontsize=60 * radius, zorder=4)
-    figure.text(0.5, 0.94, _caption(mdp, state, last), ha="center", va="center", color=_INK, fontsize=10)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    return np.array(canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]
+    return picture_of(figure)
 
 
 def _places(states: int) -> Float64[np.ndarray, "states 2"]:
@@ -53,7 +46,7 @@ def _moves(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> list[tu
         source, action = last
         for target in np.flatnonzero(mdp.transitions[source, action] > 0):
             likely = float(mdp.transitions[source, action, target])
-            moves.append((source, int(target), 1.0 + 4.0 * likely, _TAKEN if target == state else _INK))
+            moves.append((source, int(target), 1.0 + 4.0 * likely, _TAKEN if target == state else INK))
     return moves
 
 

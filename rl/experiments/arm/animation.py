@@ -8,9 +8,9 @@ import numpy as np
 
 from cpgrl_opt.arrays import UInt8
 from envs import TwoLinkArm
+from envs.arm_drawing import draw_objects, draw_reach, frame, joints
 
 from ..figure_style import BLACK, blank_figure, panel_letter
-from .drawing import draw_objects, draw_reach, frame, joints
 from .paths import ArmPath
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ import numpy as np
 
 from cpgrl_opt.arrays import Float
 from envs import TwoLinkArm
+from envs.arm_drawing import draw_arm, draw_objects, draw_reach, frame, outcome_looks, outline
 
 from ..bootstrap import spread
 from ..figure_style import BLACK, PAGE_WIDTH, blank_figure, caption, panel_letter
 from .curves import TouchCurves
-from .drawing import LOOKS, draw_arm, draw_objects, draw_reach, frame, outline
 from .paths import ArmPath
 
 if TYPE_CHECKING:
@@ -82,10 +82,10 @@ def touches_figure(
 def _touches(axes: "Axes", curves: TouchCurves) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    rates = curves.per_hundred()
+    rates, looks = curves.per_hundred(), outcome_looks(curves.arm)
     mean, deviation = rates.mean(axis=0), spread(rates)
     for k, outcome in enumerate(curves.outcomes):
-        marker, colour, size = LOOKS[outcome]
+        marker, colour, size = looks[outcome]
         label = outcome if outcome != "none" else "none (time-out)"
         low, high = (np.clip(mean[:, k] + sign * deviation[:, k], 0, 100) for sign in (-1, 1))
         axes.fill_between(curves.episodes, low, high, color=colour, alpha=0.18, lw=0, zorder=1)
@@ -130,8 +130,9 @@ def _intrinsic_reward(figure: "Figure", axes: "Axes", arm: TwoLinkArm) -> None:
     image = axes.imshow(reward, origin="lower", extent=extent, cmap="Blues", vmin=0, vmax=1, interpolation="bilinear")
     axes.contour(x, y, reward, levels=np.arange(0.2, 1, 0.2), colors="0.3", linewidths=0.35)
     axes.plot(*outline(arm, "stops").T, color="0.2", lw=0.9)
+    looks = outcome_looks(arm)
     for thing in arm.objects:
-        marker, _, size = LOOKS[thing.name]
+        marker, _, size = looks[thing.name]
         axes.plot(*thing.position, marker, color="white", mec=BLACK, mew=0.6, ms=0.8 * size, zorder=4)
     place = axes.get_position()
     bar = figure.colorbar(image, cax=figure.add_axes((0.915, place.y0, 0.016, place.height)))

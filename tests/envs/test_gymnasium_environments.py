@@ -1,0 +1,238 @@
+"""Finite MDPs and the arm as Gymnasium environments: what both keep, then what is each one's own."""
+
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from envs import (
+    ArmObject,
+    ContinuousEnvironment,
+    FiniteEnvironment,
+    TabularEnv,
+    TabularMDP,
+    ThreeStateMDP,
+    TwoLinkArm,
+    TwoLinkArmEnv,
+    random_mdp,
+)
+from rl.testing import check_constrained_env
+
+MAKERS = {"chain": lambda **more: TabularEnv(ThreeStateMDP(), **more), "arm": TwoLinkArmEnv}
+REGISTERED = {"chain": "cpgrl/ThreeState-v0", "arm": "cpgrl/TwoLinkArm-v0"}
+SAID = {"chain": ["must be a float"], "arm": ["symmetric and normalized space", "must be a float"]}
+both = pytest.mark.parametrize("name", MAKERS)
+needs_reset = pytest.raises(gymnasium.error.ResetNeeded, match=r"reset should be called before (step|render)")
+
+
+def play(env, seed, steps=30):
+    """Observations, rewards and actions of an episode."""
+    env.action_space.seed(0)
+    observations, rewards, actions = [env.reset(seed=seed)[0]], [], [env.action_space.sample() for _ in range(steps)]
+    for action in actions:
+        observation, reward, terminated, truncated, _ = env.step(action)
+        observations.append(observation)
+        rewards.append(reward)
+        if terminated or truncated:
+            break
+    return np.array(observations), np.array(rewards), np.array(actions)
+
+
+def face(name, **constants):
+    """An arm one step of action 0 away from touching the object of this name."""
+    env = TwoLinkArmEnv(**constants)
+    x, y = next(thing.position for thing in env.arm.objects if thing.name == name)
+    second = np.arccos((x**2 + y**2 - 2) / 2)
+    env.reset(seed=0, options={"angles": (np.arctan2(y, x) - second / 2, second)})
+    return env
+
+
+@both
+def test_gymnasiums_checker_complains_of_nothing_but_vectors_and_units(name):
+    """It would like actions in [−1, 1], of Gymnasium's own Pendulum too; ours are rad/s, as training has them."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        check_env(gymnasium.make(REGISTERED[name], render_mode="rgb_array").unwrapped)
+    assert len(said) == len(SAID[name])
+    for warning, words in zip(said, SAID[name], strict=True):
+        assert words in str(warning.message)
+
+
+@both
+def test_our_own_checker_is_content(name):
+    """Spaces, channels, seeds, fresh arrays, and the kernels against `step`."""
+    check_constrained_env(MAKERS[name](), steps=200)
+
+
+@both
+def test_an_environment_offers_the_compiled_path_and_survives_pickling(name):
+    env = pickle.loads(pickle.dumps(MAKERS[name](render_mode="rgb_array")))
+    assert isinstance(env, {"chain": FiniteEnvironment, "arm": ContinuousEnvironment}[name])
+    assert env.reward_dim == env.reward_channels == {"chain": 4, "arm": 3}[name]
+    for one, other in zip(play(env, seed=2), play(MAKERS[name](), seed=2), strict=True):
+        assert one.tolist() == other.tolist()
+    assert play(env, seed=2)[0].tolist() != play(env, seed=3)[0].tolist()
+
+
+@both
+def test_pictures_must_be_asked_for_and_nothing_is_there_before_a_reset(name):
+    env = MAKERS[name](render_mode="rgb_array")
+    with needs_reset:
+        env.render()
+    with needs_reset:
+        env.step(env.action_space.sample())
+    env = MAKERS[name]()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="render_mode should be 'rgb_array' to draw"):
+        env.render()
+    with pytest.raises(ValueError, match="render_mode should be None or 'rgb_array'; found 'human'"):
+        MAKERS[name](render_mode="human")
+
+
+@pytest.mark.parametrize(
+    ("name", "action", "message"),
+    [
+        ("chain", 3, "action should be an integer in 0 … 2"),
+        ("chain", 1.0, "action should be an integer in 0 … 2"),
+        ("arm", [np.nan, 0], "action should have no NaN"),
+        ("arm", [0, 0, 0], r"action should have shape \(2,\); found \(3,\)"),
+        ("arm", None, "action should be an array of real numbers"),
+    ],
+)
+def test_an_action_that_is_none_is_refused_and_moves_nothing(name, action, message):
+    env = MAKERS[name]()
+    start, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        env.step(action)
+    if name == "arm":
+        assert env.step(np.zeros(2))[0].tolist() == start.tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "constants", "steps"), [("chain", {}, 100), ("arm", {"max_steps": 5}, 5), ("arm", {}, 1000)]
+)
+def test_time_runs_out_in_every_episode_anew(name, constants, steps):
+    env = gymnasium.make(REGISTERED[name], **constants)
+    for _ in range(2):
+        env.reset(seed=0)
+        still = 0 if name == "chain" else np.zeros(2)
+        assert [env.step(still)[2:4] for _ in range(steps)] == [(False, False)] * (steps - 1) + [(False, True)]
+
+
+# Finite MDPs
+
+
+def test_rewards_belong_to_the_state_that_is_left_and_transitions_follow_their_probabilities():
+    mdp = random_mdp(np.random.default_rng(1), 3, 2, 2)
+    observations, rewards, actions = play(TabularEnv(mdp), seed=5, steps=10_000)
+    assert rewards.tolist() == mdp.rewards[:, observations[:-1], actions].T.tolist()
+    counts = np.zeros((3, 2, 3))
+    np.add.at(counts, (observations[:-1], actions, observations[1:]), 1)
+    n = counts.sum(axis=2, keepdims=True)
+    standard_error = np.sqrt(mdp.transitions * (1 - mdp.transitions) / n)
+    assert (np.abs(counts / n - mdp.transitions) <= 5 * standard_error).all()
+
+
+def test_impossible_transitions_never_happen():
+    """The zeros stand first, in the middle and last, where a careless inverse of the distribution would hit them."""
+
+    class Extreme(np.random.Generator):
+        draws = iter([0.0, np.nextafter(1, 0)])
+
+        def random(self):
+            return next(self.draws)
+
+    env = TabularEnv(TabularMDP([[[0, 1 / 3, 0, 2 / 3, 0]]] * 5, np.zeros((1, 5, 1))))
+    env.reset(seed=0)
+    env.np_random = Extreme(np.random.PCG64(0))
+    assert [env.step(0)[0] for _ in range(2)] == [1, 3]
+
+
+def test_constants_pass_through_gymnasium_make():
+    env = gymnasium.make("cpgrl/ThreeState-v0", slip=0.0, start=1).unwrapped
+    assert env.reset(seed=0)[0] == 1
+    assert [env.step(0)[0] for _ in range(3)] == [2, 0, 1]
+    arm = TwoLinkArm(dt=0.1)
+    assert gymnasium.make("cpgrl/TwoLinkArm-v0", dt=0.1).unwrapped.arm == TwoLinkArmEnv(arm).arm == arm
+    with pytest.raises(ValueError, match=r"constants should come with the arm or by name, not both; found \['dt'\]"):
+        TwoLinkArmEnv(arm, dt=0.2)
+
+
+@pytest.mark.parametrize("states", [1, 3, 40])
+def test_the_picture_of_a_chain_shows_where_the_agent_is(states):
+    env = TabularEnv(random_mdp(np.random.default_rng(2), states, 2, 8), render_mode="rgb_array")
+    env.reset(seed=0)
+    pictures = [env.render()]
+    for action in (0, 1):
+        env.step(action)
+        pictures.append(env.render())
+    assert all((picture.shape, picture.dtype) == ((400, 400, 3), np.uint8) for picture in pictures)
+    assert all(picture.std() > 5 for picture in pictures)
+    assert (pictures[1] != pictures[2]).any()
+
+
+# The arm
+
+
+def test_spaces_are_those_of_the_arm_and_prizes_of_one_sign_still_allow_zero():
+    env = TwoLinkArmEnv()
+    assert [env.reward_space.low.tolist(), env.reward_space.high.tolist()] == [[0, -1, -1], [1, 0, 1]]
+    assert env.action_space == gymnasium.spaces.Box(-3, 3, (2,), np.float64)
+    assert env.observation_space == gymnasium.spaces.Box(*env.arm.stops, dtype=np.float64)
+    env = TwoLinkArmEnv(objects=(ArmObject("it", (0, 1), 4.0),))
+    assert (env.reward_space.low[2], env.reward_space.high[2]) == (0, 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "event", "prize"), [("circle", 1, 0), ("star", 2, -1), ("square", 3, 1), ("triangle", 4, 0)]
+)
+def test_a_touch_terminates_and_is_named_on_the_last_step_too(name, event, prize):
+    env = face(name, max_steps=1)
+    _, reward, terminated, truncated, info = env.step(np.zeros(2))
+    assert (terminated, truncated) == (True, False)
+    assert info == {"touched": name, "event": event}
+    assert reward[2] == prize
+    with pytest.raises(gymnasium.error.ResetNeeded, match="found an episode that has ended"):
+        env.step(np.zeros(2))
+    assert env.reset(seed=0)[1] == {"touched": "none", "event": 0}
+
+
+def test_actions_out_of_range_are_clipped():
+    env = TwoLinkArmEnv()
+    env.reset(options={"angles": (1.0, 1.2)})
+    np.testing.assert_allclose(env.step([100, -np.inf])[0], [1.15, 1.05])
+
+
+def test_a_start_can_be_given():
+    env = TwoLinkArmEnv()
+    assert env.reset(options={"angles": [0.0, 2.5]})[0].tolist() == [0.0, 2.5]
+    for options, message in [
+        ({"angles": [-0.1, 2.5]}, "angles should be .* between the stops"),
+        ({"angles": [1.0]}, "angles should be .* between the stops"),
+        ({"angle": [1.0, 1.0]}, r"options should hold 'angles' or nothing; found \['angle'\]"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            env.reset(options=options)
+
+
+def test_the_picture_shows_arm_and_objects():
+    env = face("square", render_mode="rgb_array")
+    before = env.render()
+    assert (before.shape, before.dtype) == ((400, 400, 3), np.uint8)
+    env.step(np.zeros(2))
+    assert (before != env.render()).any()  # the caption names the touch
+    env.reset(options={"angles": (0.2, 0.5)})
+    moved = env.render()
+    assert (before[60:] != moved[60:]).any(axis=-1).sum() > 1000  # the arm, below the caption
+    for colour in [(0, 114, 178), (213, 94, 0), (0, 158, 115), (230, 159, 0), (51, 51, 51)]:
+        assert (moved == colour).all(axis=-1).sum() > 20
+
+
+def test_any_arm_and_objects_can_be_drawn():
+    things = tuple(ArmObject(f"thing {k}", (k / 4, 1.9), k) for k in range(7))
+    env = TwoLinkArmEnv(objects=things, link_lengths=(2.0, 0.5), render_mode="rgb_array")
+    env.reset(seed=0)
+    assert env.render().std() > 5
