@@ -1,24 +1,18 @@
-"""The two-link arm: kinematics, rewards at their edges, stops, starts, compiled code."""
+"""The two-link arm: kinematics, rewards at their edges, stops, starts, compiled code, constants."""
 
 import functools
 import math
 import subprocess
 import sys
 
-import numba
 import numpy as np
 import pytest
-from numba import types
 
 from envs import (
-    RESET_SIGNATURE,
-    STEP_SIGNATURE,
     ArmObject,
     ContinuousEnvironment,
     FiniteEnvironment,
     TwoLinkArm,
-    VectorReward,
-    function_type,
     random_state,
 )
 
@@ -61,11 +55,9 @@ def at(point, **constants):
     ("angles", "point"),
     [
         ((0, 0), (5, 0)),  # stretched along x
-        ((math.pi / 2, 0), (0, 5)),  # stretched upwards
         ((0, math.pi / 2), (3, 2)),  # a right angle at the elbow
         ((0, math.pi), (1, 0)),  # folded back
         ((math.pi / 3, math.pi / 3), (3 / 2 - 1, 3 * math.sqrt(3) / 2 + math.sqrt(3))),
-        ((math.pi / 2, -math.pi / 2), (2, 3)),
     ],
 )
 def test_the_end_effector_is_where_the_closed_form_says(angles, point):
@@ -78,14 +70,7 @@ def test_the_reach_follows_the_law_of_cosines():
     angles = np.random.default_rng(0).uniform(-4, 4, (5, 40, 2))
     squared = (arm.forward_kinematics(angles) ** 2).sum(axis=-1)
     np.testing.assert_allclose(squared, 1.3**2 + 0.7**2 + 2 * 1.3 * 0.7 * np.cos(angles[..., 1]), rtol=1e-12)
-
-
-def test_both_links_keep_their_lengths():
-    arm = TwoLinkArm(link_lengths=(1.3, 0.7))
-    angles = np.random.default_rng(1).uniform(-4, 4, (100, 2))
-    elbow = arm.elbow(angles)
-    np.testing.assert_allclose(np.linalg.norm(elbow, axis=1), 1.3, rtol=1e-14)
-    np.testing.assert_allclose(np.linalg.norm(arm.forward_kinematics(angles) - elbow, axis=1), 0.7, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(arm.elbow(angles), axis=-1), 1.3, rtol=1e-14)
 
 
 def test_the_mesh_spans_what_the_joints_reach():
@@ -108,39 +93,26 @@ def test_every_object_of_the_paper_can_be_touched_without_leaving_the_box():
 # Motion
 
 
-def test_stops_are_the_box_widened_by_a_quarter_of_its_width():
-    low, high = TwoLinkArm().stops
-    np.testing.assert_allclose(low, [0, math.pi / 8], atol=1e-15)
-    np.testing.assert_allclose(high, [0.6 * math.pi, 7 * math.pi / 8], atol=1e-15)
-
-
-def test_a_step_moves_by_velocity_times_time():
-    state, _, _ = move(TwoLinkArm(objects=FAR), (1.0, 1.5), (0.8, -2.0))
-    np.testing.assert_allclose(state, [1.04, 1.4], rtol=1e-14)
-
-
-def test_actions_beyond_the_speed_limit_are_clipped():
+def test_a_step_moves_by_velocity_times_time_clipped_at_the_speed_limit():
     arm = TwoLinkArm(objects=FAR)
     for given, taken in [((3.5, -100), (3, -3)), ((-np.inf, np.inf), (-3, 3)), ((3, -2.9), (3, -2.9))]:
         assert move(arm, (1.0, 1.5), given)[0].tolist() == move(arm, (1.0, 1.5), taken)[0].tolist()
     np.testing.assert_allclose(move(arm, (1.0, 1.5), (99, 0))[0], [1.15, 1.5])
     np.testing.assert_allclose(move(TwoLinkArm(objects=FAR, max_speed=1.0), (1.0, 1.5), (99, 0))[0], [1.05, 1.5])
+    np.testing.assert_allclose(move(arm, (1.0, 1.5), (0.8, -2.0))[0], [1.04, 1.4], rtol=1e-14)
+    state, reward, event = move(arm, (1.0, 1.5), (np.nan, 0))  # spreads instead of becoming a move
+    assert np.isnan([state[0], reward[0]]).all()
+    assert (reward[1], event) == (-1, 0)
 
 
-def test_stops_hold_the_arm():
+def test_stops_are_the_box_widened_by_a_quarter_of_its_width_and_hold_the_arm():
     arm = TwoLinkArm(objects=FAR)
     low, high = arm.stops
+    np.testing.assert_allclose(low, [0, math.pi / 8], atol=1e-15)
+    np.testing.assert_allclose(high, [0.6 * math.pi, 7 * math.pi / 8], atol=1e-15)
     assert move(arm, high, (1, 2))[0].tolist() == high.tolist()
     assert move(arm, low, (-1, -2))[0].tolist() == low.tolist()
     np.testing.assert_allclose(move(arm, high, (-1, 1))[0], high - [0.05, 0])
-
-
-def test_nan_in_compiled_code_spreads_instead_of_becoming_a_move():
-    state, reward, event = move(TwoLinkArm(), (1.0, 1.5), (np.nan, 0))
-    assert np.isnan(state[0])
-    assert np.isnan(reward[0])
-    assert reward[1] == -1
-    assert event == 0
 
 
 # Rewards
@@ -184,14 +156,10 @@ def test_channels_are_closeness_joints_and_prize_in_this_order():
     assert event == 0
 
 
-def test_the_first_reward_is_one_at_the_centre_of_every_object():
-    arm = TwoLinkArm()
-    assert arm.intrinsic_reward([thing.position for thing in arm.objects]).tolist() == [1, 1, 1, 1]
-
-
 def test_the_first_reward_falls_off_from_the_nearest_object():
     arm = TwoLinkArm()
     x, y = arm.objects[2].position
+    assert arm.intrinsic_reward([x, y]) == 1
     np.testing.assert_allclose(arm.intrinsic_reward([x + 0.6, y]), math.exp(-2))
     points = np.random.default_rng(0).uniform(-2, 2, (7, 8, 2))
     each = [TwoLinkArm(objects=(thing,)).intrinsic_reward(points) for thing in arm.objects]
@@ -266,14 +234,6 @@ def test_kernels_follow_the_table_on_random_trajectories(arm):
 # Starts
 
 
-def test_starts_are_uniform_in_the_box():
-    states = starts(TwoLinkArm(objects=FAR), 20_000)
-    box = np.array(TwoLinkArm().box)
-    assert ((states >= box[:, 0]) & (states <= box[:, 1])).all()
-    counts = np.histogram2d(*states.T, bins=10, range=box)[0]
-    assert ((counts - 200) ** 2 / 200).sum() < 180  # χ² with 99 degrees of freedom: p ≈ 1e-6
-
-
 def test_starts_touch_nothing_and_are_uniform_elsewhere():
     arm = TwoLinkArm(touch_radius=0.2)
     states = starts(arm, 20_000)
@@ -286,50 +246,12 @@ def test_starts_touch_nothing_and_are_uniform_elsewhere():
     counts = np.histogram2d(*states.T, bins=10, range=arm.box)[0]
     assert 25 < cells.sum() < 75
     assert counts[~cells].mean() < 0.9 * counts[cells].mean()
+    assert ((states >= low) & (states <= high)).all()
     expected = counts[cells].mean()
     assert ((counts[cells] - expected) ** 2 / expected).sum() < 150  # χ², below 75 degrees of freedom: p < 1e-6
 
 
-def test_streams_fix_the_starts():
-    assert starts(TwoLinkArm(), 5, seed=1).tolist() == starts(TwoLinkArm(), 5, seed=1).tolist()
-    assert starts(TwoLinkArm(), 5, seed=1).tolist() != starts(TwoLinkArm(), 5, seed=2).tolist()
-
-
 # Compiled path
-
-
-def test_a_compiled_rollout_takes_the_kernels_as_arguments():
-    @numba.njit(
-        types.Tuple((types.int64, types.int64))(
-            function_type(RESET_SIGNATURE),
-            function_type(STEP_SIGNATURE),
-            types.float64[::1],
-            types.uint64[::1],
-            types.float64[:, ::1],
-            types.float64[:, ::1],
-        )
-    )
-    def rollout(reset, step, constants, words, actions, rewards):
-        state = np.empty(2)
-        reset(constants, words, state)
-        for t in range(len(actions)):
-            event = step(constants, state, actions[t], words, rewards[t])
-            if event != 0:
-                return t + 1, event
-        return len(actions), 0
-
-    arm = TwoLinkArm(touch_radius=0.2)
-    kernels = arm.continuous_kernels()
-    actions, rewards = np.random.default_rng(0).normal(size=(400, 2)), np.zeros((400, 3))
-    words = random_state(np.random.SeedSequence(5))
-    steps, event = rollout(kernels.reset, kernels.step, kernels.constants, words, actions, rewards)
-    angles, expected = starts(arm, 1, seed=5)[0], []
-    for action in actions[:steps]:
-        angles, reward, last = move(arm, angles, action)
-        expected.append(reward.tolist())
-    assert rewards[:steps].tolist() == expected
-    assert event == last
-    assert steps == 400 or event > 0
 
 
 def test_a_second_process_takes_the_kernels_from_the_cache():
@@ -344,7 +266,6 @@ def test_a_second_process_takes_the_kernels_from_the_cache():
 
 def test_the_arm_offers_the_continuous_path():
     arm = TwoLinkArm(max_steps=7)
-    assert isinstance(arm, VectorReward)
     assert isinstance(arm, ContinuousEnvironment)
     assert not isinstance(arm, FiniteEnvironment)
     kernels = arm.continuous_kernels()
@@ -352,3 +273,54 @@ def test_the_arm_offers_the_continuous_path():
     assert kernels.events == ("circle", "star", "square", "triangle")
     kernels.constants[:] = 0
     assert arm.continuous_kernels().constants[0] == 1  # fresh each time
+
+
+# Constants
+
+
+def test_constants_are_the_ones_of_the_paper_and_of_the_table():
+    arm = TwoLinkArm()
+    assert arm.box == ((math.pi / 10, math.pi / 2), (math.pi / 4, 3 * math.pi / 4))
+    assert (arm.link_lengths, arm.dt, arm.max_speed, arm.stop_margin) == ((1, 1), 0.05, 3, 0.25)
+    assert (arm.touch_radius, arm.reward_width, arm.max_steps) == (0.06, 0.3, 1000)
+    assert {thing.name: (*thing.position, thing.reward) for thing in arm.objects} == {
+        "circle": (-0.69, 0.87, 0),
+        "star": (-0.04, 1.11, -1),
+        "square": (0.58, 1.56, 1),
+        "triangle": (-0.45, 1.60, 0),
+    }
+
+
+def test_an_arm_is_a_value():
+    assert TwoLinkArm(box=[[0.1, 1], [0.2, 2]]) == TwoLinkArm(box=((0.1, 1.0), (0.2, 2.0)))
+    assert len({TwoLinkArm(), TwoLinkArm(), TwoLinkArm(dt=0.1)}) == 2
+    with pytest.raises(AttributeError):
+        TwoLinkArm().dt = 0.1
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TwoLinkArm(link_lengths=(1.0, 0.0)), r"link_lengths should be a number in \[1e-09, .*found 0.0"),
+        (lambda: TwoLinkArm(link_lengths=1.0), "link_lengths should be a pair of numbers"),
+        (lambda: TwoLinkArm(max_speed=np.nan), "max_speed should be a number.*found nan"),
+        (lambda: TwoLinkArm(box=((1, 0), (0, 1))), r"box should hold \(least, greatest\) angles.*\(1.0, 0.0\)"),
+        (lambda: TwoLinkArm(box=((0, 1),)), "box should be two pairs of angles"),
+        (lambda: TwoLinkArm(box=((0, 1), (0, 1, 2))), "box of φ₂ should be a pair"),
+        (lambda: TwoLinkArm(objects=["star"]), "objects should be one ArmObject or more"),
+        (lambda: TwoLinkArm(objects=4), "objects should be a sequence of ArmObject"),
+        (lambda: TwoLinkArm(objects=FAR * 2), r"objects should have different names; found \['far', 'far'\]"),
+        (lambda: TwoLinkArm(touch_radius=4.0), "should be free of objects to start in; found 0.00%"),
+        (lambda: TwoLinkArm(max_steps=10.0), "max_steps should be an integer ≥ 1; found 10.0"),
+        (lambda: ArmObject("none", (0, 0)), "not 'none'; found 'none'"),
+        (lambda: ArmObject("it", (0, 0, 0)), "position of it should be a pair of numbers"),
+        (lambda: ArmObject("it", (0, 0), np.nan), "reward of it should be a number"),
+        (lambda: TwoLinkArm().forward_kinematics([1, 2, 3]), r"angles should have shape \(…, 2\)"),
+        (lambda: TwoLinkArm().touched([0, np.nan]), "points should have no NaN"),
+        (lambda: TwoLinkArm().reachable_mesh(1), "lines should be an integer ≥ 2; found 1"),
+        (lambda: TwoLinkArm().reachable_mesh(within="all"), "within should be 'stops' or 'box'; found 'all'"),
+    ],
+)
+def test_what_makes_no_arm_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
