@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 
 from cpgrl_opt import Direction, DirectionProblem, Status, kkt_residuals
-from cpgrl_opt.comparison.exact_trust_region import TrustRegionAnswer
-from cpgrl_opt.comparison.rational import dot, fractions_of, solve_all
+from cpgrl_opt.exact.rational import dot, fractions_of, solve_all
+from cpgrl_opt.exact.trust_region import TrustRegionAnswer
 
 EPS = float(np.finfo(np.float64).eps)
 # Rounding errors in the unit of `allowance`. The worst of active-set in 10 800 problems was 0.4 of it, where no ball

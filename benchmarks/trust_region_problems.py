@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from cpgrl_opt import DirectionProblem
-from cpgrl_opt.comparison.exact_trust_region import shortest_length
+from cpgrl_opt.exact.trust_region import shortest_length
 
 
 def integers(rng: np.random.Generator, shape: int | tuple[int, int], largest: int = 3) -> np.ndarray:

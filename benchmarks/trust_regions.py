@@ -2,7 +2,7 @@
 
     max gᵀd   s.t.   Jd ≥ b, = on E,   dᵀMd ≤ radius²
 
-Each family's problems are integers times powers of two, so that `comparison.exact_trust_region` decides them without
+Each family's problems are integers times powers of two, so that `exact.trust_region` decides them without
 rounding: the verdict, d (of several the shortest; where infeasible of least violation, and of those the best climb),
 κ, and what the answer's own certificate is worth, the residuals being formed in rationals too.
 
@@ -25,7 +25,7 @@ from trust_region_judge import EPS, ERRORS, allowance, complaint, distance
 from trust_region_problems import FAMILIES
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
-from cpgrl_opt.comparison.exact_trust_region import exact_trust_region
+from cpgrl_opt.exact.trust_region import exact_trust_region
 from cpgrl_opt.solvers import supports
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
-from cpgrl_opt.comparison.exact import exact_answer
 from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.exact import exact_answer
 from cpgrl_opt.testing import LAWS
 from cpgrl_opt.testing.examination import first_break
 from cpgrl_opt.testing.laws_page import to_markdown

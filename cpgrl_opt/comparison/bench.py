@@ -14,12 +14,12 @@ from typing import Any
 
 from ..answers import as_direction
 from ..direction import Direction
+from ..exact import ExactAnswer, exact_answer, is_small_enough
 from ..isolation import HangError, Isolated, IsolationError, output_size
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS, MissingPackageError, compile_kernels
 from ..solvers.packages import require_packages
 from .contestants import DEFAULT_SOLVER, Contestant, contestant
-from .exact import ExactAnswer, exact_answer, is_small_enough
 from .families import ProblemFamily
 from .judgement import CRASHED, HUNG, UNSUPPORTED, Judgement, judge
 from .measurement import Measurement

@@ -7,9 +7,9 @@ import numpy as np
 from ..arrays import Vector
 from ..certify import excess_violation, farkas_residual, kkt_residuals
 from ..direction import Direction, Status
+from ..exact import ExactAnswer
 from ..problem import DirectionProblem
 from ..scaling import lengths
-from .exact import ExactAnswer
 from .measurement import PROOF_TOLERANCE, SUCCESS_TOLERANCE, WRONG_TOLERANCE
 
 

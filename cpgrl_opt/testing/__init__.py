@@ -23,6 +23,7 @@ except ModuleNotFoundError as error:
         "cpgrl_opt.testing needs the package hypothesis, which is not installed; type: pip install 'cpgrl-opt[testing]'"
     ) from error
 
+from ..problems import FAMILIES, Case, Family
 from ..published.function_solver import FunctionSolver
 from .conduct import (
     check_answers_repeat,
@@ -31,8 +32,6 @@ from .conduct import (
     check_silence,
 )
 from .domain import supported_cases
-from .families import FAMILIES, Family, hostile_problems, well_posed_problems
-from .geometries import problems_in_geometry, problems_out_of_reach
 from .honesty import (
     check_claims_are_certified,
     check_feasible_is_not_called_infeasible,
@@ -69,7 +68,15 @@ from .projection_laws import (
 from .pytest_items import parametrize_with_checks
 from .sensitivity import distance_bound, hoffman_constant
 from .sequences import check_batch_is_loop, check_neighbours_change_nothing, check_warm_start_is_cold_start
-from .strategies import Case, direction_problems, infeasible_problems
+from .strategies import (
+    direction_problems,
+    hostile_problems,
+    infeasible_problems,
+    problems_in_geometry,
+    problems_of,
+    problems_out_of_reach,
+    well_posed_problems,
+)
 from .timing import check_time_is_in_proportion
 from .verdict import CheckResult, Verdict, check_direction_solver
 
@@ -125,6 +132,7 @@ __all__ = [
     "infeasible_problems",
     "parametrize_with_checks",
     "problems_in_geometry",
+    "problems_of",
     "problems_out_of_reach",
     "supported_cases",
     "well_posed_problems",

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 
 from ..problem import DirectionProblem
+from ..problems.case import ALL_CASES, Case
 from ..solvers.interface import DirectionSolver
 from .draws import MOST_PARAMETERS, MOST_ROWS, SHAPES
 from .law import takes, varied
-from .strategies import ALL_CASES, Case
 
 
 def supported_cases(solver: DirectionSolver) -> list[Case]:

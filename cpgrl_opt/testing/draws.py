@@ -18,10 +18,6 @@ from ..arrays import Float, Int
 
 T = TypeVar("T")
 
-# One value, (lowest, highest), or a strategy.
-IntegerChoice = int | tuple[int, int] | st.SearchStrategy[int]
-NumberChoice = float | tuple[float, float] | st.SearchStrategy[float]
-
 LARGEST_ENTRY = 9
 # Shapes (n, m) and how often they come up; Hypothesis shrinks to the first. Two rows, few parameters and as many rows
 # as parameters are what solvers have closed forms for, long and wide ones what they have other algorithms for. 12 rows
@@ -127,19 +123,6 @@ def only_shapes(these: Collection[tuple[int, int]]) -> Iterator[None]:
         _only_these.reset(token)
 
 
-def chosen(draw: st.DrawFn, choice: Any) -> Any:
-    """A value as it is; (lowest, highest) uniformly for integers, log-uniformly for floats; or from a strategy."""
-    if isinstance(choice, st.SearchStrategy):
-        return draw(choice)
-    if not isinstance(choice, tuple):
-        return choice
-    lowest, highest = choice
-    if isinstance(lowest, int) and isinstance(highest, int):
-        return draw(between(lowest, highest))
-    steps = 20
-    return float(lowest * (highest / lowest) ** (draw(between(0, steps)) / steps))
-
-
 def parts(draw: st.DrawFn, count: int, length: int) -> list[st.DrawFn]:
     """Up to four arrays of one length in a single block where they are short: each stands for a `draw` of its own.
 
@@ -165,11 +148,6 @@ def integers(
 def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
     """`count` of the options, the first being the simplest."""
     return _picked(draw(_BLOCK), (count,), _array(tuple(options)))
-
-
-def pick(draw: st.DrawFn, options: Sequence[T]) -> T:
-    """One of the options by a block of its own, the first being the simplest."""
-    return options[int(picks(draw, 1, range(len(options)))[0])]
 
 
 def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
@@ -204,12 +182,3 @@ def _picked(block: bytes, shape: tuple[int, ...], values: Float[np.ndarray, "...
         drawn = drawn[:count]
     picked: np.ndarray = values[drawn % len(values)].reshape(shape)
     return picked
-
-
-def members(name: str, cases: Collection[T], possible: Collection[T]) -> tuple[T, ...]:
-    """The possible ones of the cases in one order, so that draws are reproducible; ValueError where there is none."""
-    both = tuple(case for case in possible if case in cases)
-    if not both:
-        known, found = (", ".join(map(str, names)) for names in (possible, cases))
-        raise ValueError(f"{name} should include one of {known}; found {found or 'none'}")
-    return both

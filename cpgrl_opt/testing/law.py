@@ -12,6 +12,7 @@ from ..answers import status_of
 from ..arrays import Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem
+from ..problems.assembly import varied as varied
 from ..scaling import lengths
 from ..solvers import SOLVERS
 from ..solvers.facts import facts_of, is_single, supports, tolerance_of
@@ -190,12 +191,6 @@ def is_held_in_single(problem: DirectionProblem) -> bool:
 def length(vector: np.ndarray) -> float:
     """‖v‖₂; infinite where v is not finite, so that no comparison with NaN slips through."""
     return float(lengths(vector)) if np.isfinite(vector).all() else float("inf")
-
-
-def varied(problem: DirectionProblem, **changes: Any) -> DirectionProblem:
-    """The problem with other arrays for some of its own; metric and radius stay unless they are named."""
-    names = ("gradient", "jacobian", "bound", "equality", "metric", "radius")
-    return DirectionProblem(**{name: changes.get(name, getattr(problem, name)) for name in names})
 
 
 def whitened(problem: DirectionProblem, direction: np.ndarray) -> np.ndarray:

@@ -5,30 +5,32 @@ Laws whose theorem needs a feasible or an infeasible problem are only given such
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
+from ..problems.assembly import rescaled, varied
+from ..problems.case import ALL_CASES, GEOMETRIES, LIMITS, SHIFTED_CASES, Case
+from ..problems.geometry import HUGE, Make, in_ball, in_metric, out_of_reach
+from ..problems.infeasible import infeasible
+from ..problems.regular import feasible_gradient
 from ..solvers.interface import DirectionSolver
 from . import conduct, honesty, invariance, neighbours, optimality, projection_laws, sequences, timing
 from .domain import supported_cases
+from .drawn_source import DrawnSource, made
 from .draws import any_of, are_small, between, integers, orders
-from .families import feasible_gradients, hostile_problems, well_posed_problems
-from .geometries import HUGE, constraints_of, in_some_ball, in_some_metric, problems_in_geometry, problems_out_of_reach
-from .law import Outcome, varied
+from .law import Outcome
 from .strategies import (
-    ALL_CASES,
-    GEOMETRIES,
-    LIMITS,
-    SHIFTED_CASES,
-    Case,
+    constraints_of,
     direction_problems,
+    hostile_problems,
     infeasible_problems,
-    rescaled,
+    problems_in_geometry,
     row_factors,
-    shape_for,
+    well_posed_problems,
 )
 
 Arguments = st.SearchStrategy[dict[str, Any]]
@@ -87,7 +89,7 @@ def _well_posed(cases: Collection[Case]) -> Arguments:
 
 
 def _feasible_gradients(cases: Collection[Case]) -> Arguments:
-    return st.fixed_dictionaries({"problem": feasible_gradients(constraints_of(cases))})
+    return st.fixed_dictionaries({"problem": made(feasible_gradient, constraints_of(cases))})
 
 
 def _hostile(cases: Collection[Case]) -> Arguments:
@@ -99,16 +101,16 @@ def _infeasible(cases: Collection[Case]) -> Arguments:
 
 
 def _infeasible_problems(cases: Collection[Case]) -> Problems:
-    problems = infeasible_problems(cases=constraints_of(cases))
+    kinds = [case for case in constraints_of(cases) if case.is_shifted or case.is_limit]
+    near, huge = partial(in_ball, of=infeasible), partial(in_ball, of=infeasible, factors=HUGE)
     if Case.BALL in cases:
-        out_of_reach = problems_out_of_reach(cases)
-        return st.one_of(out_of_reach, out_of_reach, in_some_ball(problems), in_some_ball(problems, factors=HUGE))
+        return st.one_of([made(make, kinds) for make in (out_of_reach, out_of_reach, near, huge)])
+    makes: list[Make] = [infeasible, infeasible]
     if Case.METRIC in cases:
-        problems = st.one_of(problems, problems, in_some_metric(problems))
+        makes.append(partial(in_metric, of=infeasible))
     if Case.RADIUS in cases:
-        in_huge_ball = in_some_ball(infeasible_problems(cases=constraints_of(cases)), factors=HUGE)
-        problems = st.one_of(problems, problems, problems_out_of_reach(cases), in_huge_ball)
-    return problems
+        makes += [out_of_reach, huge]
+    return st.one_of([made(make, kinds) for make in makes])
 
 
 def _of_every_kind(cases: Collection[Case]) -> Arguments:
@@ -179,7 +181,7 @@ def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 
 @st.composite
 def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    n, m = shape_for(draw, cases)
+    n, m = DrawnSource(draw, cases).shape(3, 3)
     problem = draw(_problems_of_shape(n, m, cases))
     where = draw(any_of(("gradient", "jacobian", "bound")))
     values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
@@ -189,7 +191,7 @@ def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]
 @st.composite
 def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     """One to four problems of one shape, infeasible ones among them, or up to 64 made of these."""
-    n, m = shape_for(draw, cases)
+    n, m = DrawnSource(draw, cases).shape(3, 3)
     problem = _problems_of_shape(n, m, cases)
     kinds: list[Case | None] = [None, None, None, *(case for case in cases if case.is_geometry)]
     kind = draw(any_of(kinds))  # of one batch, all have a radius or none
@@ -205,7 +207,7 @@ def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
 @st.composite
 def _with_neighbours(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     """A problem, one or two beside it, and as many others, some of them in extreme units; all in one geometry."""
-    n, m = shape_for(draw, cases)
+    n, m = DrawnSource(draw, cases).shape(3, 3)
     kinds: list[Case | None] = [None, *(case for case in cases if case.is_geometry)]
     kind = draw(any_of(kinds))
     problems = _problems_of_shape(n, m, cases)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
-from cpgrl_opt.comparison.exact import exact_answer, is_small_enough
+from cpgrl_opt.exact import exact_answer, is_small_enough
 
 
 def check(problem: DirectionProblem, direction: list[float], multipliers: list[float]) -> None:

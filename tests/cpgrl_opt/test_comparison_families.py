@@ -5,9 +5,9 @@ import pytest
 
 from cpgrl_opt import Direction, Status, kkt_residuals
 from cpgrl_opt.certify import farkas_residual
-from cpgrl_opt.comparison.exact import exact_answer, is_small_enough
-from cpgrl_opt.comparison.exact_trust_region import exact_trust_region
 from cpgrl_opt.comparison.families import ANGLES, FAMILIES, families_named
+from cpgrl_opt.exact import exact_answer, is_small_enough
+from cpgrl_opt.exact.trust_region import exact_trust_region
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.scaling import unit_rows
 from cpgrl_opt.testing.law import varied

@@ -5,9 +5,9 @@ import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.comparison.contestants import contestant, installed, solver_of, variants_of
-from cpgrl_opt.comparison.exact import exact_answer
 from cpgrl_opt.comparison.judgement import judge
 from cpgrl_opt.comparison.raw import RAW
+from cpgrl_opt.exact import exact_answer
 from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.solvers.through_qpsolvers import BACK_ENDS
 

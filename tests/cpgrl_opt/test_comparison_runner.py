@@ -13,10 +13,10 @@ import pytest
 
 from cpgrl_opt import Direction, DirectionProblem, Status
 from cpgrl_opt.answers import as_direction
-from cpgrl_opt.comparison.exact import exact_answer
 from cpgrl_opt.comparison.judgement import judge
 from cpgrl_opt.comparison.measurement import Measurement, read_measurements
 from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint, run_comparison
+from cpgrl_opt.exact import exact_answer
 
 MISCONDUCT = """
 import os, sys, time

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import DirectionProblem, Status, farkas_residual, kkt_residuals
-from cpgrl_opt.comparison.exact import exact_answer, is_small_enough
 from cpgrl_opt.comparison.families import FAMILIES
+from cpgrl_opt.exact import exact_answer, is_small_enough
 from cpgrl_opt.solvers.exact_core import project
 
 TOLERANCE = 1e-12  # of the optimality residuals; what the method promises

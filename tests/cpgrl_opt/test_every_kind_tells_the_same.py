@@ -17,6 +17,7 @@ from cpgrl_opt import Direction, DirectionProblem, Status, solve
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.compensated import Pair
 from cpgrl_opt.testing import FAMILIES as KIT_FAMILIES
+from cpgrl_opt.testing import problems_of
 from cpgrl_opt.vectors import ArrayVectors, Sharded
 from cpgrl_opt.vectors._bfloat16 import narrow, widen
 
@@ -183,7 +184,7 @@ def test_on_the_families_of_the_comparison(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_the_families_of_the_kit(kind: str) -> None:
     @settings(max_examples=EXAMPLES * len(KIT_FAMILIES), deadline=None)
-    @given(st.sampled_from([*KIT_FAMILIES.values()]).flatmap(lambda family: family.problems(family.cases)))
+    @given(st.sampled_from([*KIT_FAMILIES.values()]).flatmap(problems_of))
     def check(problem: DirectionProblem) -> None:
         require_the_same(kind, problem)
 

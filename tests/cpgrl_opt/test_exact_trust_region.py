@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
-from cpgrl_opt.comparison.exact_trust_region import TrustRegionAnswer, exact_trust_region, shortest_length
+from cpgrl_opt.exact.trust_region import TrustRegionAnswer, exact_trust_region, shortest_length
 from cpgrl_opt.solvers import is_usable, supports
 from cpgrl_opt.testing.law import varied
 

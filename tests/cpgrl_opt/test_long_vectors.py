@@ -13,8 +13,7 @@ from cpgrl_opt.problem import ProblemBatch
 from cpgrl_opt.scaling import lengths
 from cpgrl_opt.solvers import is_usable, span, supports
 from cpgrl_opt.solvers.gramian_core import solve_by_gramian
-from cpgrl_opt.testing.families import HOSTILE, WELL_POSED
-from cpgrl_opt.testing.strategies import ALL_CASES
+from cpgrl_opt.testing.strategies import HOSTILE, WELL_POSED, problems_of
 from cpgrl_opt.vectors import is_long
 
 from .long import distance, drawn_problem, least_products, on_rows
@@ -75,7 +74,7 @@ def test_every_solver_claims_in_the_span_what_it_claims_on_the_rows(family):
     is_hostile = family in HOSTILE
 
     @settings(max_examples=(2 if is_hostile else 1) * EXAMPLES, derandomize=True, database=None)
-    @given(family.problems(tuple(case for case in ALL_CASES if case in family.cases)))
+    @given(problems_of(family))
     def check(problem):
         for name in ("active-set",) if is_hostile else EVERY_SOLVER:
             if supports(SOLVERS[name], problem):

@@ -15,6 +15,7 @@ from cpgrl_opt.testing import (
     check_batch_is_loop,
     check_least_violation,
     check_neighbours_change_nothing,
+    problems_of,
 )
 from cpgrl_opt.testing.examination import first_break
 from cpgrl_opt.testing.law import varied
@@ -122,7 +123,7 @@ def test_a_run_in_a_batch_with_radius_has_the_same_bits_beside_extreme_rows(name
 def test_balls_nearly_touch():
     gaps = set()
 
-    @given(FAMILIES["touching"].problems([Case.BOUNDS, Case.RADIUS]))
+    @given(problems_of(FAMILIES["touching"], [Case.BOUNDS]))
     @settings(max_examples=60)
     def look(problem):
         shortest = ACTIVE_SET.solve(varied(problem, gradient=0.0 * problem.gradient, radius=None)).value

@@ -3,8 +3,9 @@
     for 𝒜 ⊆ {1 … m}:   J_𝒜M⁻¹J_𝒜ᵀ μ = b_𝒜 − J_𝒜M⁻¹g,   d = M⁻¹(g + J_𝒜ᵀμ)
 
 is the answer when μ ≥ 0 on I and Jd ≥ b (= on E): these conditions are sufficient, the problem being strictly convex,
-and by Carathéodory's theorem some independent 𝒜 meets them wherever the problem is feasible. Where it is not, some
-minimally dependent 𝒞 carries a Farkas vector: Jᵀy = 0, y ≥ 0 on I, bᵀy > 0. In a ball: see `exact_trust_region`.
+and by Carathéodory's theorem some independent 𝒜 meets them wherever the problem is feasible. It is M⁻¹g and the
+shortest point of {Jx ≥ b − JM⁻¹g}, see `faces`. Where there is none, some minimally dependent 𝒞 carries a Farkas
+vector: Jᵀy = 0, y ≥ 0 on I, bᵀy > 0. In a ball: see `trust_region`.
 Source: Nocedal & Wright, Numerical Optimization, Theorem 16.4; Rockafellar, Convex Analysis, §22 (elementary vectors).
 """
 
@@ -16,8 +17,9 @@ import numpy as np
 
 from ..arrays import Multipliers, Vector
 from ..problem import DirectionProblem
-from .exact_trust_region import exact_trust_region
-from .rational import RationalProblem, Rationals, solve, subsets
+from .faces import Polyhedron
+from .rational import RationalProblem, solve, subsets
+from .trust_region import exact_trust_region
 
 MOST_EXACT_CONSTRAINTS = 8  # 2⁸ active sets
 MOST_EXACT_PARAMETERS = 100  # exact products of rows of that length take milliseconds
@@ -58,27 +60,14 @@ def exact_answer(problem: DirectionProblem) -> ExactAnswer:
         multipliers = np.zeros(problem.m) if found.multipliers is None else found.multipliers
         return ExactAnswer(found.feasible, found.direction if found.feasible else np.zeros(problem.n), multipliers)
     rational = RationalProblem(problem)
-    for active in subsets(rational.rows, problem.n):
-        lack = [rational.b[i] - rational.pull[i] for i in active]
-        multipliers_of_rows = solve(rational.matrix(active, active), lack)
-        if multipliers_of_rows is None:
-            continue
-        weights = dict(zip(active, multipliers_of_rows, strict=True))
-        if _is_optimal(rational, weights):
-            direction = rational.direction(weights, Fraction(1))
-            return ExactAnswer(True, _rounded(direction), _spread(weights, problem.m))
-    return ExactAnswer(False, np.zeros(problem.n), _spread(_farkas(rational), problem.m))
-
-
-def _is_optimal(rational: RationalProblem, weights: dict[int, Fraction]) -> bool:
-    """μ ≥ 0 on I, Jd ≥ b on I and Jd = b on E."""
-    if any(value < 0 and i not in rational.equality for i, value in weights.items()):
-        return False
-    for i in set(rational.rows) - set(weights):
-        slack = rational.pull[i] + rational.along(i, weights) - rational.b[i]
-        if slack < 0 or (slack > 0 and i in rational.equality):
-            return False
-    return True
+    rows, equality = rational.rows, rational.equality
+    lack = {i: rational.b[i] - rational.pull[i] for i in rows}
+    nearest = Polyhedron(rational, rows, lack, equality).shortest()  # of all d − M⁻¹g
+    if nearest is None:
+        return ExactAnswer(False, np.zeros(problem.n), _spread(_farkas(rational), problem.m))
+    mu, _ = nearest
+    direction = np.array([float(value) for value in rational.direction(mu, Fraction(1))])
+    return ExactAnswer(True, direction, _spread(mu, problem.m))
 
 
 def _farkas(rational: RationalProblem) -> dict[int, Fraction]:
@@ -103,10 +92,6 @@ def _elementary_vector(rational: RationalProblem, support: Sequence[int]) -> dic
     y = {i: w if gain > 0 else -w for i, w in y.items()}
     proves = gain != 0 and all(w >= 0 or i in rational.equality for i, w in y.items())
     return y if proves else None
-
-
-def _rounded(values: Rationals) -> Vector:
-    return np.array([float(value) for value in values])
 
 
 def _spread(weights: dict[int, Fraction], m: int) -> Multipliers:

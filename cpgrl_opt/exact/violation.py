@@ -13,7 +13,7 @@ Source: Moré & Sorensen 1983 (the equation for λ); Nocedal & Wright, Numerical
 from collections.abc import Sequence
 from fractions import Fraction
 
-from .exact_faces import DIGITS, Polyhedron, Weights, root
+from .faces import DIGITS, Polyhedron, Weights, root
 from .rational import solve, subsets
 
 _FARTHER = 2**20  # from one trial λ to the next, until the radius is between two

@@ -3,7 +3,7 @@
     max gᵀd   s.t.   Jd ≥ b, = b on E,   dᵀMd ≤ radius²                            (of several optima the shortest)
 
 Where the ball misses C = {Jd ≥ b}, or C is empty, d violates least on unit rows, and climbs best of what does (see
-`exact_faces` and `exact_violation`). Nothing of the package's solvers and of its referee is in here.
+`faces` and `violation`). Nothing of the package's solvers and of its referee is in here.
 """
 
 from dataclasses import dataclass, field
@@ -13,9 +13,9 @@ import numpy as np
 
 from ..arrays import Mask, Multipliers, Vector
 from ..problem import DirectionProblem
-from .exact_faces import Found, Polyhedron, Weights, root
-from .exact_violation import held_back, least_lack
+from .faces import Found, Polyhedron, Weights, root
 from .rational import RationalProblem, Rationals
+from .violation import held_back, least_lack
 
 
 @dataclass(frozen=True, eq=False)
