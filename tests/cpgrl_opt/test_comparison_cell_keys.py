@@ -142,7 +142,7 @@ def test_whatever_draws_solves_and_judges_is_in_every_key_and_what_reports_is_no
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     modules = sources_of("cpgrl_opt.comparison.bench").modules
-    for name in ("certify", "solvers.active_set", "comparison.generators", "comparison.judgement", "comparison.raw"):
+    for name in ("certify", "solvers.active_set", "problems.dependent", "comparison.judgement", "comparison.raw"):
         assert f"cpgrl_opt.{name}" in modules
     assert not any("report" in name or "testing" in name for name in modules)
     before = cell_keys(CELLS)
