@@ -106,7 +106,7 @@ _TABLE = (
     _several("Kahan rows", "no pivot of a factorisation warns of the smallest singular value", dependent.kahan),
     _several(
         "degenerate vertex", "many active sets fit; a careless method cycles", regular.degenerate_vertex,
-        (Case.BOUNDS,),
+        SHIFTED_CASES,
     ),
     Family("no constraints", "m = 0: d = g", regular.no_constraints),
     Family("feasible gradient", "nothing to do: d = g", regular.feasible_gradient),

@@ -55,13 +55,13 @@ def feasible_gradient(source: Source, case: Case) -> DirectionProblem:
     return DirectionProblem(g, J, J @ g - np.where(equality, 0.0, source.slack(J)), equality)
 
 
-def degenerate_vertex(source: Source, case: Case) -> DirectionProblem:  # noqa: ARG001
+def degenerate_vertex(source: Source, case: Case) -> DirectionProblem:
     """Small-integer rows through one integer point: every active set but few is degenerate."""
     n, m = source.shape(3, 8)
     J = source.integers(-2, 2, m, n).astype(np.float64)
     J[(J == 0).all(axis=1), 0] = 1.0
     vertex = source.integers(-3, 3, n).astype(np.float64)
-    return DirectionProblem(vertex - J.T @ source.integers(0, 2, m), J, J @ vertex)
+    return DirectionProblem(vertex - J.T @ source.integers(0, 2, m), J, J @ vertex, source.equalities(m, case))
 
 
 def switched_off(source: Source, case: Case) -> DirectionProblem:

@@ -44,9 +44,9 @@ class DrawnSource:
         return shape(self._draw, least_rows=least_rows, least_parameters=least_parameters)
 
     def case(self, cases: Collection[Case], possible: Collection[Case] = ALL_CASES) -> Case:
-        """One of the possible cases; mixed ones, which differ most, twice as often. ValueError where there is none."""
+        """One of the possible cases; mixed ones, which differ most, three times as often. ValueError where none is."""
         kinds = members("cases", cases, possible)
-        return self.choice((*kinds, *(kind for kind in kinds if kind == Case.MIXED)))
+        return self.choice((*kinds, *[kind for kind in kinds if kind == Case.MIXED] * 2))
 
     def numbers(self, *shape: int) -> Float[np.ndarray, "..."]:
         """Up to 9, in matrices often up to 2, so that ties and dependence come up."""

@@ -20,9 +20,8 @@ from cpgrl_opt.testing import (
     problems_of,
     well_posed_problems,
 )
-from cpgrl_opt.testing.strategies import ALL_CASES
 
-SHIFTED = [case for case in Case if case.is_shifted]
+FEW = settings(max_examples=30)
 
 
 def exact_rank(matrix):
@@ -72,21 +71,15 @@ def test_arguments_are_values_ranges_or_strategies(problem):
 
 
 @given(direction_problems(5, 3, conflict=2, rank=3, cases=[Case.CONE, Case.BOUNDS]))
+@FEW
 def test_the_conflict_is_the_number_of_constraints_that_bind(problem):
     answer = SOLVERS["enumeration"].solve(problem)
     assert answer.status == Status.OPTIMAL
     assert (answer.multipliers > 1e-9).sum() == 2
 
 
-@given(well_posed_problems())
-def test_well_posed_problems_have_an_optimum(problem):
-    answer = SOLVERS["enumeration"].solve(problem)
-    assert answer.status == Status.OPTIMAL
-    size = max(np.linalg.norm(problem.gradient), np.linalg.norm(answer.value))
-    assert unit_violation(problem, answer.value) <= 1e-9 * size
-
-
-@given(infeasible_problems())
+@given(st.one_of(infeasible_problems(), direction_problems(feasible=False, cases=[Case.AFFINE])))
+@FEW
 def test_infeasible_problems_miss_by_a_thousandth(problem):
     answer = SOLVERS["enumeration"].solve(problem)
     assert answer.status == Status.INFEASIBLE
@@ -95,38 +88,6 @@ def test_infeasible_problems_miss_by_a_thousandth(problem):
         lengths = np.linalg.norm(problem.jacobian, axis=1)
         largest = np.max(np.abs(problem.bound / lengths)[problem.bound > -np.inf])
         assert unit_violation(problem, answer.value) >= 5e-4 * largest
-
-
-@given(direction_problems(3, 2, feasible=False, cases=[Case.AFFINE]))
-def test_infeasible_ones_come_from_the_general_strategy_too(problem):
-    assert problem.equality[problem.bound > -np.inf].all()
-    assert SOLVERS["enumeration"].solve(problem).status == Status.INFEASIBLE
-
-
-@pytest.mark.parametrize("case", ALL_CASES)
-def test_cases_are_kept_to(case):
-    @given(well_posed_problems([case]))
-    @settings(max_examples=40)
-    def belongs(problem):
-        if case in (Case.TANGENT, Case.AFFINE):
-            assert problem.equality.all()
-        if case in (Case.CONE, Case.BOUNDS):
-            assert not problem.equality.any()
-        if not case.is_shifted:
-            assert not problem.bound.any()
-
-    belongs()
-
-
-@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
-def test_every_family_yields_problems_and_has_a_reason(family):
-    @given(problems_of(family))
-    @settings(max_examples=15)
-    def yields(problem):
-        assert isinstance(problem, DirectionProblem)
-
-    yields()
-    assert family.reason
 
 
 def test_a_nearly_opposing_pair_has_the_angle_asked_for():
@@ -145,7 +106,7 @@ def test_most_problems_have_something_to_decide():
     conflicts = []
 
     @seed(0)
-    @settings(max_examples=400, database=None, phases=[Phase.generate])
+    @settings(max_examples=200, database=None, phases=[Phase.generate])
     @given(well_posed_problems())
     def count(problem):
         lack = problem.bound - problem.jacobian @ problem.gradient
@@ -173,6 +134,7 @@ def test_cases_that_cannot_be_are_refused():
 
 
 @given(well_posed_problems(), st.integers(0, 2**32 - 1))
+@FEW
 def test_no_answer_with_small_residuals_is_farther_off_than_the_bound(problem, number):
     """Perturb the data by δ, solve, and judge the answer by the unperturbed problem: Hoffman's bound covers it."""
     oracle = SOLVERS["enumeration"]
