@@ -113,7 +113,14 @@ def _made_of(function: Any) -> Any:
         source = repr(_code(getattr(found, "__code__", None)))
     enclosed = [described(cell.cell_contents) for cell in getattr(found, "__closure__", None) or ()]
     settings = None if found is function else described(function)
-    return [found.__module__, found.__qualname__, source, enclosed, settings, _sources_of(found.__module__)]
+    return [
+        found.__module__,
+        found.__qualname__,
+        source,
+        enclosed,
+        settings,
+        _sources_of(found.__module__ or "__main__"),
+    ]
 
 
 @cache
