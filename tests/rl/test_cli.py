@@ -9,7 +9,7 @@ from importlib.metadata import version
 import pytest
 from typer.testing import CliRunner
 
-from cpgrl_opt import FORMULATIONS, SOLVERS, MissingPackageError
+from cpgrl_opt import FORMULATIONS, SOLVERS
 from rl import DivergenceError
 from rl.cli import app
 from rl.experiments.checkpoints import FOLDER
@@ -90,7 +90,6 @@ def test_strict_exits_with_1_when_a_claim_fails(tmp_path, monkeypatch):
         (["reproduc"], ["reproduce", "solvers"]),
         (["reproduce", "three-states"], ["three-state"]),
         (["reproduce", "three-state", "--solver", "rosn"], list(SOLVERS)),
-        (["reproduce", "three-state", "--formulation", "cones"], list(FORMULATIONS)),
     ],
 )
 def test_a_wrong_name_is_answered_with_the_right_ones(arguments, names, tmp_path):
@@ -107,9 +106,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(arguments, names, tmp_path
     [
         ("--runs", 0),
         ("--runs", 10**12),
-        ("--episodes", 0),
-        ("--steps", -1),
-        ("--record-every", 0),
+        ("--steps", 10**23),
         ("--seed", -1),
         ("--jobs", -1),
     ],
@@ -121,10 +118,6 @@ def test_a_bad_number_is_answered_with_what_it_should_be(option, value, tmp_path
     assert result.stderr.startswith(f"cpgrl: {name} should be")
     assert result.stderr.rstrip().endswith(f"found {value}")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_word_for_a_number_exits_with_2():
-    assert cpgrl("reproduce", "three-state", "--runs", "many").exit_code == 2
 
 
 def test_a_file_in_the_place_of_the_directory_is_refused(tmp_path):
@@ -158,7 +151,6 @@ def test_a_crash_leaves_what_was_recorded_and_says_so(tmp_path, monkeypatch):
 FAILURES = [
     WorkerDiedError("a worker process should answer"),
     DivergenceError("θ[0] should be finite"),
-    MissingPackageError("daqp", "daqp", "solvers"),
     OSError("no space left"),
     MemoryError("8 TiB"),
 ]
@@ -195,8 +187,7 @@ def test_ctrl_c_while_a_command_imports_is_one_line(monkeypatch):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize(("number", "jobs"), [(signal.SIGTERM, "1"), (signal.SIGINT, "2")])
 def test_ctrl_c_and_a_request_to_end_leave_what_was_recorded_and_say_so(tmp_path, jobs, number, start_cpgrl):
     earlier = jobs == "2"
     out, place = tmp_path, tmp_path / "unfinished" if earlier else tmp_path

@@ -128,13 +128,18 @@ def test_updates_made_in_compiled_code_have_the_bits_of_those_that_somebody_obse
     assert kinds["TrainingRecord"] > 5
 
 
-def test_records_of_compiled_updates_can_be_kept_and_pickled() -> None:
+def test_records_of_compiled_updates_can_be_kept_pickled_and_changed() -> None:
     learner = LEARNERS["CPGRL"]
     records = list(train(ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, learner, episodes=200, runs=2))
     for record, after in itertools.pairwise(records):
         np.testing.assert_array_equal(after.parameters, record.parameters + after.update.change)
-    for array, other in zip(numbers(records[-1]), numbers(pickle.loads(pickle.dumps(records[-1]))), strict=True):
+    last = records[-1]
+    for array, other in zip(numbers(last), numbers(pickle.loads(pickle.dumps(last))), strict=True):
         np.testing.assert_array_equal(array, other)
+    changed = replace(last, episode=3)
+    assert (type(changed), changed.episode) == (TrainingRecord, 3)
+    np.testing.assert_array_equal(changed.parameters, last.parameters)
+    assert last.parameters.base is None  # its own array: what is kept keeps no block of episodes
 
 
 def test_an_update_that_goes_too_far_ends_training_after_the_same_record_observed_or_not() -> None:
@@ -210,16 +215,6 @@ def test_whoever_has_code_of_its_own_is_not_passed_over_by_compiled_code(estimat
     assert not record.parameters.any()
 
 
-def test_a_learners_memory_comes_back_with_the_next_linearization() -> None:
-    class Counting:
-        def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> LearnerUpdate:  # noqa: ARG002
-            update = WeightedSum().update(linearization)
-            return replace(update, memory=1 if memory is None else memory + 1)
-
-    records = train(*SETTINGS["compiled"], Counting(), episodes=4, runs=2)
-    assert [record.update.memory for record in records] == [1, 2, 3, 4]
-
-
 def test_averages_go_on_from_episode_to_episode_and_gradients_start_anew() -> None:
     """§2.4 as read (docs/reproduction.md, slip 7): with a constant reward ρ = 1 − (1 − α_r)^(99 k) after k episodes."""
     mdp = TabularMDP(np.full((2, 2, 2), 0.5), np.ones((1, 2, 2)))
@@ -243,8 +238,9 @@ def test_first_parameters_come_from_the_runs_own_stream() -> None:
     np.testing.assert_array_equal(record.parameters, [np.arange(9.0)] * 2)
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
-@pytest.mark.parametrize("learner", LEARNERS)
+@pytest.mark.parametrize(
+    ("learner", "setting"), [*((name, "compiled") for name in LEARNERS), ("CPGRL", "plain"), ("CPGRL", "exact")]
+)
 def test_a_run_is_bit_identical_for_any_batch(learner: str, setting: str) -> None:
     episodes = 30 if setting == "compiled" else 6
     together = trained(5, learner, setting, episodes)
@@ -253,20 +249,11 @@ def test_a_run_is_bit_identical_for_any_batch(learner: str, setting: str) -> Non
     np.testing.assert_array_equal(together[[4, 1, 3]], trained([4, 1, 3], learner, setting, episodes))
 
 
-@pytest.mark.parametrize(("learner", "threads"), [("SUM", True), ("CPGRL", True), ("CPGRL", False)])
+@pytest.mark.parametrize(("learner", "threads"), [("CPGRL", True), ("CPGRL", False)])
 def test_a_run_is_bit_identical_for_any_number_of_threads_and_processes(learner: str, threads: bool) -> None:
     alone = trained(5, learner)
     shared = map_runs(partial(trained, learner=learner), 5, processes=2, threads=threads)
     np.testing.assert_array_equal(np.concatenate(shared), alone)
-
-
-def test_another_seed_gives_other_runs_and_the_same_seed_the_same() -> None:
-    def last(seed: int) -> np.ndarray:
-        *_, record = train(*SETTINGS["compiled"], WeightedSum(), episodes=3, runs=2, seed=seed)
-        return record.parameters
-
-    np.testing.assert_array_equal(last(1), last(1))
-    assert (last(1) != last(2)).all()
 
 
 def test_map_runs_keeps_order_and_passes_exceptions_on() -> None:
@@ -310,16 +297,13 @@ def test_an_overflowing_update_raises_instead_of_training_on(learner: Any) -> No
     ("settings", "message"),
     [
         ({"episodes": -1}, "episodes should be"),
+        ({"episodes": 10**23}, "episodes should be an integer ≤"),
         ({"runs": 0}, "runs should be"),
-        ({"runs": []}, "runs should be"),
-        ({"runs": [-1]}, "runs should be"),
         ({"runs": "3"}, "runs should be .*; found '3'"),
         ({"runs": [0, 0]}, r"runs should be .*differ.*; found \[0, 0\]"),
-        ({"runs": 2.0}, "runs should be .*; found 2.0"),
         ({"runs": [1.5]}, "runs should be .*; found"),
         ({"runs": 10**12}, "runs should be .*; found"),
         ({"initial": np.zeros(9)}, "initial should be a function"),
-        ({"max_change": "x"}, "max_change should be a number > 0; found 'x'"),
         ({"max_change": np.nan}, "max_change should be"),
         ({"seed": -1}, "seed should be"),
         ({"initial": lambda _: np.zeros(3)}, r"parameters should have shape \(9,\)"),
@@ -334,34 +318,23 @@ def test_bad_input_is_refused_before_the_first_episode(settings: dict[str, Any],
     ("drawn", "found"),
     [
         (None, "None"),
-        ([None] * 9, "object"),
         (["0.5"] * 9, "dtype <U3"),
-        (np.ones(9, dtype=object), "object"),
-        (np.ones(9) * 1j, "complex"),
         (np.ones((3, 3)), r"\(3, 3\)"),
-        (0.5, r"\(\)"),
         (np.full(9, np.nan), "nan"),
-        ([0.0] * 8 + [np.inf], "inf"),
         ([[0.0], [0.0, 0.0]], "rectangular"),
         (np.ma.masked_array(np.ones(9), [True] + [False] * 8), "masked"),
-        ({"theta": np.ones(9)}, "object"),
     ],
 )
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_a_first_theta_that_is_none_is_refused(setting: str, drawn: Any, found: str) -> None:
+def test_a_first_theta_that_is_none_is_refused(drawn: Any, found: str) -> None:
     """`initial=lambda rng: None` trained from θ₀ = 0, strings from the numbers that they spell."""
-    environment, policy, estimator = SETTINGS[setting]
     with pytest.raises(ValueError, match=rf"initial should return θ of shape \(9,\), finite numbers: .*{found}"):
-        train(environment, policy, estimator, WeightedSum(), episodes=1, runs=1, initial=lambda _: drawn)
+        train(*SETTINGS["compiled"], WeightedSum(), episodes=1, runs=1, initial=lambda _: drawn)
 
 
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
         (None, "the learner's update should return a LearnerUpdate; found None"),
-        (np.zeros((2, 9)), "the learner's update should return a LearnerUpdate; found"),
-        ({"change": None}, "the learner's change should be numbers of shape (2, 9); found object, ()"),
-        ({"change": np.zeros(9)}, "the learner's change should be numbers of shape (2, 9); found float64, (9,)"),
         ({"change": np.zeros((2, 1))}, "the learner's change should be numbers of shape (2, 9); found float64, (2, 1)"),
         ({"change": np.full((2, 9), None)}, "the learner's change should be numbers of shape (2, 9); found object"),
     ],
@@ -377,25 +350,27 @@ def test_a_learner_that_returns_no_change_for_each_run_is_refused(answer: Any, m
         list(train(*SETTINGS["compiled"], Returning(), episodes=1, runs=2))
 
 
-def test_an_estimator_that_returns_no_estimate_is_refused() -> None:
-    class Silent:
-        def start(self, *_: object) -> "Silent":
-            return self
+class Idle:
+    """Starts nothing; its episodes estimate nothing."""
 
-        def episode(self, _: np.ndarray) -> None:
-            return None
+    def start(self, *_: object) -> Any:
+        return None
 
-    with pytest.raises(ValueError, match="the estimator's episode should return an Estimate; found None"):
-        list(train(ThreeStateMDP(), SoftmaxTable(3, 3), Silent(), WeightedSum(), episodes=1, runs=1))  # type: ignore[arg-type]
+    def episode(self, _: np.ndarray) -> None:
+        return None
 
 
-def test_an_estimator_that_starts_nothing_is_refused_at_once() -> None:
-    class Idle:
-        def start(self, *_: object) -> None:
-            return None
+class Silent(Idle):
+    def start(self, *_: object) -> Any:
+        return self
 
+
+def test_an_estimator_that_starts_or_estimates_nothing_is_refused() -> None:
+    setting = ThreeStateMDP(), SoftmaxTable(3, 3)
     with pytest.raises(ValueError, match=r"the estimator's start should return an Estimation .*; found None"):
-        train(ThreeStateMDP(), SoftmaxTable(3, 3), Idle(), WeightedSum(), episodes=1, runs=1)  # type: ignore[arg-type]
+        train(*setting, Idle(), WeightedSum(), episodes=1, runs=1)
+    with pytest.raises(ValueError, match="the estimator's episode should return an Estimate; found None"):
+        list(train(*setting, Silent(), WeightedSum(), episodes=1, runs=1))
 
 
 def test_importing_rl_is_light() -> None:
@@ -403,15 +378,6 @@ def test_importing_rl_is_light() -> None:
     code = f"import sys, rl; print([name for name in {heavy} if name in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"
-
-
-def test_a_record_of_compiled_updates_can_be_made_another() -> None:
-    records = train(ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, LEARNERS["CPGRL"], episodes=60, runs=2)
-    record = list(records)[-1]
-    other = replace(record, episode=3)
-    assert (type(other), other.episode) == (TrainingRecord, 3)
-    np.testing.assert_array_equal(other.parameters, record.parameters)
-    assert record.parameters.base is None  # its own array: what is kept keeps no block of episodes
 
 
 def test_a_block_of_updates_is_bounded_by_its_numbers() -> None:
