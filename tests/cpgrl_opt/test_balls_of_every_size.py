@@ -35,7 +35,7 @@ def hostile_neighbours(n: int, m: int) -> list[tuple[np.ndarray, np.ndarray]]:
 def test_a_run_has_the_same_bits_whatever_stands_beside_it(name: str, metric: bool) -> None:
     rng, solver, n, m = np.random.default_rng(1), SOLVERS[name], 5, 3
     M = rng.uniform(0.5, 2.0, n) if metric else None
-    for k in range(20):
+    for k in range(6):
         g, J, b = rng.standard_normal(n), rng.standard_normal((m, n)), 0.2 * rng.standard_normal(m)
         alone = solver.solve(DirectionProblem(g, J, b, name == "rosen", M, 0.7))
         for other_g, other_J in hostile_neighbours(n, m):

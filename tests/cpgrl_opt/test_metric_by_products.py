@@ -199,14 +199,3 @@ def test_no_more_products_than_allowed() -> None:
         before = products.asked
         metric.solve(rng.standard_normal(60))
         assert products.asked - before <= iterations + 3  # one more says what is left
-
-
-def test_a_skipped_step_may_be_handed_back_as_the_previous_one() -> None:
-    linearization = Linearization([0.0, -1.0], np.random.default_rng(7).standard_normal((2, 40)))
-    for formulation in ("equality", "linearized"):
-        M = Products(np.diag(10.0 ** np.linspace(-3, 3, 40)))
-        step = ConstrainedStep(formulation=formulation, metric=M, metric_iterations=3)
-        active = step(linearization, [0.0]).active
-        assert active.dtype == np.bool_
-        assert active.all() == (formulation == "equality")
-        step(linearization, [0.0], previous=active)

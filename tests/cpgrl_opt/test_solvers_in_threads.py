@@ -19,7 +19,7 @@ from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
 from cpgrl_opt.solvers import OSQP, DirectionSolver, QPSolversBackend, facts_of, is_usable, supports
 
 NAMES = [name for name, solver in SOLVERS.items() if is_usable(solver)]
-THREADS = 8
+THREADS = 4
 CATCH_CTRL_C = [name for name in ("osqp", "scs") if name in NAMES]
 
 
@@ -86,7 +86,7 @@ def test_threads_give_the_same_answers_and_touch_no_stream_and_no_filter(
 @pytest.mark.parametrize("name", CATCH_CTRL_C)
 def test_ctrl_c_works_after_threads_have_solved(name: str) -> None:
     solver = SOLVERS[name]
-    given = problems(solver)[:4] * 10
+    given = problems(solver)[:4] * 4
     with ThreadPoolExecutor(THREADS) as pool:
         list(pool.map(lambda _: [solver.solve(problem) for problem in given], range(THREADS)))
     with pytest.raises(KeyboardInterrupt):

@@ -17,7 +17,6 @@ from cpgrl_opt import (
     Linearization,
     Status,
     WithGeometry,
-    farkas_residual,
     kkt_residuals,
     solve,
     solve_batch,
@@ -278,19 +277,3 @@ def test_a_method_that_is_wrong_is_named(method: str, found: Any, message: str) 
     setattr(given, method, lambda *_: found)
     with pytest.raises(ValueError, match=message):
         solve(DirectionProblem(given, bound=[0.5] * (1 if method == "gramian" else 2)))
-
-
-def test_what_needs_rows_is_refused_and_the_rest_is_right() -> None:
-    problem, solver = DirectionProblem(Kept(OPPOSING), bound=1.0), SOLVERS["active-set"]
-    answer = solver.solve(problem)
-    for ask in (problem.copied, lambda: farkas_residual(problem, answer.multipliers)):
-        with pytest.raises(ValueError, match="problem should have g and J as arrays, or in trees of arrays; found <"):
-            ask()
-    with pytest.raises(ValueError, match=r"extended\(\) should take what lincomb\(\) returns; found that ndarray is"):
-        kkt_residuals(problem, Direction(np.ones(3), answer.multipliers, Status.OPTIMAL))
-    for bound, status in ((1.0, Status.INFEASIBLE), (-1.0, Status.OPTIMAL)):
-        again = DirectionProblem(Kept(OPPOSING), bound=bound)
-        assert WithGeometry(solver).solve(again).status == solver.solve(again).status == status
-    for metric in (np.ones(4), np.eye(4), lambda v: v):
-        with pytest.raises(ValueError, match="metric should be None where gradient is an object"):
-            ConstrainedStep(metric=metric)(Linearization(np.zeros(3), Kept(OPPOSING)), np.zeros(2))
