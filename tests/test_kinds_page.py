@@ -90,27 +90,3 @@ def test_neither_pytorch_nor_jax_is_imported():
     code = "import sys, cpgrl_opt, cpgrl_opt.vectors; print([n for n in ('torch', 'jax') if n in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
-
-
-def test_rows_that_nearly_depend_want_pairs_of_an_object():
-    names = {}
-    exec("import numpy as np\n" + examples()[0].partition("direction =")[0], names)
-    theta = 1e-3  # rad
-    rows = np.array([[-1.0, 0.0, 0.0], [-np.cos(theta), np.sin(theta), 0.0]])
-
-    class Kept(names["Files"]):
-        def gramian(self):
-            return np.vstack(self.paths) @ np.vstack(self.paths).T
-
-        def lincomb(self, weights):
-            return weights @ np.vstack(self.paths)
-
-        def extended(self, *vectors):
-            return Kept(*self.paths, *vectors)
-
-    problem = DirectionProblem(Kept(G, *rows), bound=B)
-    assert (problem.n, solve(problem).status) == (0, Status.UNCERTIFIED)
-    assert solve(DirectionProblem(G, rows, B)).status == Status.OPTIMAL
-    assert ConstrainedStep()(Linearization([0.0, -1.0, -1.0], Kept(G, *rows)), [0.0, 0.0]).counts["skipped"] == 1
-    with pytest.raises(ValueError, match="metric should be None"):
-        DirectionProblem(Kept(G, *rows), metric=np.ones(3))

@@ -21,6 +21,7 @@ from cpgrl_opt.testing import problems_of
 from cpgrl_opt.vectors import ArrayVectors, Sharded
 from cpgrl_opt.vectors._bfloat16 import narrow, widen
 
+pytestmark = pytest.mark.usefixtures("every_problem_is_long")
 # Of a family each solves so many: two of its first, and of the kit's as many as are drawn.
 PROBLEMS, EXAMPLES = 2, 4
 # What rounding to the shortest dtype leaves of a direction, of the larger of ‖d‖ and ‖g‖.
@@ -129,11 +130,6 @@ KINDS: dict[str, tuple[Callable[..., Solved], str]] = {
     "tensors of bfloat16": (in_form(as_tensors("bfloat16")), "bfloat16"),
 }
 WITHOUT_ROWS = ("object", "object without pairs", "two processes")
-
-
-@pytest.fixture(autouse=True)
-def _all_are_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cpgrl_opt.vectors._numpy.LEAST_PRODUCTS", 0)
 
 
 def held(V: np.ndarray, dtype: str) -> np.ndarray:

@@ -7,7 +7,6 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -168,17 +167,6 @@ def test_a_missing_package_is_answered_with_what_to_type(
     for solve_it in (solver.solve, lambda each: solver.solve_batch([each, each])):
         with pytest.raises(MissingPackageError, match=rf"{name}.*pip install 'cpgrl-opt\[{extra}\]'"):
             solve_it(problem)
-
-
-@pytest.mark.parametrize("name", OPTIONAL)
-def test_a_package_that_cannot_be_imported_says_why(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = SOLVERS[name].package
-    (tmp_path / f"{package}.py").write_text("raise ImportError('libgomp.so.1: cannot open')", encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, package, raising=False)
-    forget_in_qpsolvers(name, monkeypatch)
-    with pytest.raises(UnusablePackageError, match=rf"{name}.*{package}.*cannot be imported: libgomp\.so\.1"):
-        SOLVERS[name].solve(cone(0))
 
 
 MISSING = [

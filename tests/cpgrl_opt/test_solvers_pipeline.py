@@ -8,12 +8,11 @@ from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.direction import Status
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.solvers import SOLVERS, is_usable
-from cpgrl_opt.solvers.factorization import pivoted_qr, solve_upper
 from cpgrl_opt.solvers.infeasibility import infeasible_direction
 from cpgrl_opt.solvers.nnls import least_distance
 from cpgrl_opt.solvers.pipeline import solve_by
 from cpgrl_opt.solvers.polishing import polish, project_onto_face
-from cpgrl_opt.solvers.small_problem import SmallAnswer, SmallProblem, reduce_problem, scale_problem
+from cpgrl_opt.solvers.small_problem import SmallAnswer, SmallProblem, scale_problem
 
 TOLERANCE = 1e-9
 
@@ -22,44 +21,6 @@ def problem_of(seed: int, n: int = 50, m: int = 4) -> DirectionProblem:
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(m, n)) * 10.0 ** rng.uniform(-6, 6, size=(m, 1))
     return DirectionProblem(rng.normal(size=n), rows, rows @ rng.normal(size=n))
-
-
-def test_scaling_makes_unit_rows_and_sizes_of_one() -> None:
-    scaled = scale_problem(problem_of(0))
-    np.testing.assert_allclose(np.linalg.norm(scaled.small.rows, axis=1), 1.0, rtol=1e-14)
-    assert max(np.linalg.norm(scaled.small.center), scaled.small.bound.max()) == pytest.approx(1.0)
-
-
-def test_scaling_leaves_out_zero_rows_and_rows_that_are_off() -> None:
-    problem = DirectionProblem([1, 2], [[0, 0], [1, 0], [0, 1], [0, 0]], [-1, -np.inf, 0, 2])
-    scaled = scale_problem(problem)
-    np.testing.assert_array_equal(scaled.kept, [False, False, True, False])
-    np.testing.assert_array_equal(scaled.impossible, [False, False, False, True])
-
-
-def test_reduction_keeps_every_angle_in_at_most_m_plus_1_coordinates() -> None:
-    scaled = scale_problem(problem_of(1))
-    small, basis = reduce_problem(scaled.small)
-    assert basis.shape == (50, 5)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(5), atol=1e-14)
-    np.testing.assert_allclose(small.rows @ small.rows.T, scaled.small.rows @ scaled.small.rows.T, atol=1e-14)
-    np.testing.assert_allclose(small.rows @ small.center, scaled.small.rows @ scaled.small.center, atol=1e-14)
-
-
-def test_reduction_sees_that_rows_depend() -> None:
-    rows = np.random.default_rng(2).normal(size=(2, 30))
-    problem = DirectionProblem(rows.sum(axis=0), np.vstack([rows, -rows.sum(axis=0), 1e8 * rows[0]]))
-    _, basis = reduce_problem(scale_problem(problem).small)
-    assert basis.shape == (30, 2)
-
-
-def test_the_qr_is_a_qr_and_solves_both_ways() -> None:
-    columns = np.random.default_rng(3).normal(size=(7, 4))
-    Q, R, order = pivoted_qr(columns, 1e-13)
-    np.testing.assert_allclose(Q @ R, columns[:, order], atol=1e-14)
-    right = np.arange(1.0, 5)
-    np.testing.assert_allclose(R @ solve_upper(R, right), right, atol=1e-13)
-    np.testing.assert_allclose(R.T @ solve_upper(R, right, transposed=True), right, atol=1e-13)
 
 
 def test_a_row_too_slack_to_matter_comes_back_when_the_answer_violates_it() -> None:

@@ -6,7 +6,8 @@ import pytest
 from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionError, Linearization
 from cpgrl_opt import step_in_span as step_module
 from cpgrl_opt.direction import Direction, Status
-from cpgrl_opt.vectors import _numpy as array_vectors
+
+from .long import least_products
 
 SETTINGS = {
     "plain": {},
@@ -62,9 +63,8 @@ def linearizations(kind):
         yield rng.standard_normal((*runs, 1 + m)), V, np.zeros(m)
 
 
-def taken(monkeypatch, products, settings, values, V, thresholds, **more):
-    with monkeypatch.context() as patch:
-        patch.setattr(array_vectors, "LEAST_PRODUCTS", products)
+def taken(products, settings, values, V, thresholds, **more):
+    with least_products(products):
         return ConstrainedStep(**settings)(Linearization(values, V), thresholds, **more)
 
 
@@ -81,20 +81,19 @@ def require_same(inside, outside, V, *, error=1e-9):
 
 @pytest.mark.parametrize(("formulation", "settings"), STEPS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_step_in_the_span_is_the_step_on_the_rows(monkeypatch, kind, formulation, settings):
+def test_a_step_in_the_span_is_the_step_on_the_rows(kind, formulation, settings):
     for values, V, thresholds in list(linearizations(kind))[slice(None) if settings == "plain" else slice(2, 3)]:
         chosen = {"formulation": formulation, **SETTINGS[settings]}
-        inside, outside = (taken(monkeypatch, products, chosen, values, V, thresholds) for products in (0, 10**18))
+        inside, outside = (taken(products, chosen, values, V, thresholds) for products in (0, 10**18))
         # On the rows quadprog is off by 2e-9 where these are 1e-6 rad from opposing.
         require_same(inside, outside, V, error=1e-8 if settings == "by a QP" else 1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-160, 1e-100, 1e100, 1e160])
-def test_scales_whose_squares_leave_float64_step_as_on_the_rows(monkeypatch, scale):
+def test_scales_whose_squares_leave_float64_step_as_on_the_rows(scale):
     for values, V, thresholds in linearizations(generic):
         inside, outside = (
-            taken(monkeypatch, products, {"formulation": "cone"}, values, scale * V, thresholds)
-            for products in (0, 10**18)
+            taken(products, {"formulation": "cone"}, values, scale * V, thresholds) for products in (0, 10**18)
         )
         require_same(inside, outside, scale * V)
 
@@ -115,18 +114,18 @@ def test_only_nearly_dependent_rows_step_on_the_rows(monkeypatch):
         V = np.random.default_rng(0).standard_normal((3, 120))
         V[2] = -V[1] + theta * V[2]
         seen.clear()
-        taken(monkeypatch, 0, {}, -np.ones(3), V, np.zeros(2))
+        taken(0, {}, -np.ones(3), V, np.zeros(2))
         rungs[theta] = list(seen)
     assert rungs == {1.0: ["gramian"], 1e-3: ["", "pairs"], 1e-5: ["", ""]}
 
 
-def test_observers_see_every_subproblem_once_and_in_coordinates(monkeypatch):
+def test_observers_see_every_subproblem_once_and_in_coordinates():
     for values, V, thresholds in list(linearizations(generic))[:4]:
         seen = []
         for products in (0, 10**18):
             pairs = []
             settings, observe = {"formulation": "cone"}, lambda *pair, pairs=pairs: pairs.append(pair)
-            taken(monkeypatch, products, settings, values, V, thresholds, observe=observe)
+            taken(products, settings, values, V, thresholds, observe=observe)
             seen.append(sorted(np.concatenate([answers.status for _, answers in pairs]).tolist()))
             assert all(problems.gradient.shape[1] == V.shape[-1 if products else -2] for problems, _ in pairs)
         assert seen[0] == seen[1]
@@ -144,10 +143,10 @@ class Failing:
 
 
 @pytest.mark.parametrize("on_failure", ["skip", "raise"])
-def test_what_fails_in_coordinates_is_tried_on_the_rows(monkeypatch, on_failure):
+def test_what_fails_in_coordinates_is_tried_on_the_rows(on_failure):
     values, V, thresholds = next(linearizations(generic))
     settings = {"solver": Failing(), "on_failure": on_failure, "formulation": "cone"}
-    inside, outside = (taken(monkeypatch, products, settings, values, V, thresholds) for products in (0, 10**18))
+    inside, outside = (taken(products, settings, values, V, thresholds) for products in (0, 10**18))
     require_same(inside, outside, V)
     assert inside.change.any()
 
@@ -161,42 +160,42 @@ class Hopeless:
         return Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR)
 
 
-def test_failures_are_handled_in_coordinates_as_on_the_rows(monkeypatch):
+def test_failures_are_handled_in_coordinates_as_on_the_rows():
     values, V, thresholds = next(linearizations(generic))
     for on_failure in ("skip", "fallback"):
         settings = {"solver": Hopeless(), "on_failure": on_failure}
-        inside, outside = (taken(monkeypatch, products, settings, values, V, thresholds) for products in (0, 10**18))
+        inside, outside = (taken(products, settings, values, V, thresholds) for products in (0, 10**18))
         require_same(inside, outside, V)
         assert inside.counts["skipped" if on_failure == "skip" else "fallback"] > 0
     with pytest.raises(DirectionError):
-        taken(monkeypatch, 0, {"solver": Hopeless(), "on_failure": "raise"}, values, V, thresholds)
+        taken(0, {"solver": Hopeless(), "on_failure": "raise"}, values, V, thresholds)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_bad_gradients_are_refused_where_they_are_long_too(monkeypatch, bad):
+def test_bad_gradients_are_refused_where_they_are_long_too(bad):
     V = np.ones((2, 3, 120))
     V[1, 2, 7] = bad
-    monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", 0)
-    with pytest.raises(ValueError, match="gradients should be finite"):
+    with least_products(0), pytest.raises(ValueError, match="gradients should be finite"):
         Linearization(np.zeros((2, 3)), V)
 
 
-def test_gradients_are_read_where_they_lie_and_left_as_they_are(monkeypatch):
+def test_gradients_are_read_where_they_lie_and_left_as_they_are():
     values, V, thresholds = list(linearizations(generic))[1]
     stored = np.asfortranarray(V)
     before = stored.copy()
-    inside = taken(monkeypatch, 0, {}, values, stored, thresholds)
-    require_same(inside, taken(monkeypatch, 10**18, {}, values, V, thresholds), V)
+    inside = taken(0, {}, values, stored, thresholds)
+    require_same(inside, taken(10**18, {}, values, V, thresholds), V)
     assert (stored == before).all()
     inside.change[:] = 0.0
     assert (stored == before).all()
 
 
-def test_gradients_that_change_under_a_linearization_step_as_they_are_then(monkeypatch):
+def test_gradients_that_change_under_a_linearization_step_as_they_are_then():
     """Inner products are of the old ones; J and the change that it makes are compared in both."""
     values, V, thresholds = list(linearizations(generic))[1]
-    monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", 0)
-    linearization, step = Linearization(-np.abs(values), V), ConstrainedStep()
-    step(linearization, thresholds)
-    V[2] = V[3] + V[4] * np.arange(120)
-    require_same(step(linearization, thresholds), taken(monkeypatch, 10**18, {}, -np.abs(values), V, thresholds), V)
+    with least_products(0):
+        linearization, step = Linearization(-np.abs(values), V), ConstrainedStep()
+        step(linearization, thresholds)
+        V[2] = V[3] + V[4] * np.arange(120)
+        found = step(linearization, thresholds)
+    require_same(found, taken(10**18, {}, -np.abs(values), V, thresholds), V)

@@ -21,7 +21,6 @@ from cpgrl_opt import (
     kkt_residuals,
     solve,
 )
-from cpgrl_opt.vectors import TreeVectors
 
 ACTIVE_SET = SOLVERS["active-set"]
 Layer = namedtuple("Layer", ["weight", "bias"])
@@ -326,25 +325,6 @@ def test_tensors_that_are_not_for_us_are_refused_by_name() -> None:
             DirectionProblem(gradient, [row])
     with pytest.raises(ValueError, match="should be an array of float64, float32 or bfloat16; found ndarray of uint16"):
         DirectionProblem({"a": np.ones(2, np.uint16)}, [])  # which might be the bits of bfloat16
-
-
-@pytest.mark.parametrize("kind", [single, np.asarray, tensor, short])
-@pytest.mark.parametrize("stacked", [True, False])
-def test_leaves_that_lie_side_by_side_are_found_where_others_would_look(kind: Kind, stacked: bool) -> None:
-    def pieces(v: np.ndarray) -> Any:
-        return [kind(v[..., :4].copy().reshape(*v.shape[:-1], 2, 2)), kind(v[..., 4:4].copy()), kind(v[..., 4:].copy())]
-
-    arguments = draw(0, SHORT)
-    J = arguments["jacobian"]
-    quick = TreeVectors(pieces(arguments["gradient"]), pieces(J) if stacked else [pieces(row) for row in J])
-    slow = TreeVectors(quick.gradient, quick.jacobian)
-    vars(slow)["_plain"] = None
-    assert quick._plain is not None
-    assert quick.shape == slow.shape == (3, SHORT)
-    [(dtype, spans, where)], [(other_dtype, other_spans, other_where)] = quick._groups, slow._groups
-    assert (dtype, spans) == (other_dtype, other_spans)
-    some = where[:, 0, 2] > 0  # where nothing lies there is nowhere to look
-    np.testing.assert_array_equal(where[some], other_where[some])
 
 
 def test_numbers_of_a_conjugate_are_read_as_they_are() -> None:
