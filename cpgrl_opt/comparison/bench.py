@@ -142,7 +142,7 @@ class Bench:
 
 def isolated_bench() -> Isolated:
     """A bench in a process of its own."""
-    return Isolated.made_by(Bench, environment=dict.fromkeys(_ONE_THREAD, "1"))
+    return Isolated(make=Bench, environment=dict.fromkeys(_ONE_THREAD, "1"))
 
 
 def measurement_of(order: Order, bench: Isolated) -> Measurement:

@@ -60,11 +60,10 @@ def _carry_out(order: bytes, subject: Any) -> tuple[Any, bytes]:
         return subject, pickle.dumps((False, portable(error)))
 
 
-def _start(memory_limit: int | None, is_made: bool, given: bytes) -> Any:
+def _start(memory_limit: int | None, make: bytes) -> Any:
     if memory_limit is not None:
         _limit_memory(memory_limit)
-    subject = pickle.loads(given)
-    return subject() if is_made else subject
+    return pickle.loads(make)()
 
 
 def portable(error: Exception) -> Exception:

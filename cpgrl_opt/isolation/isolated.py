@@ -48,6 +48,8 @@ class Isolated:
     ----------
     solver
         The object, which `cloudpickle` takes to the process.
+    make
+        In place of it, what returns the object in each process that is started.
     time_limit
         Seconds on the clock that a call may take.
     memory_limit
@@ -63,28 +65,12 @@ class Isolated:
 
     def __init__(
         self,
-        solver: Any,
+        solver: Any = None,
         *,
+        make: Callable[[], Any] | None = None,
         time_limit: float = 30.0,
         memory_limit: int | None = None,
         environment: Mapping[str, str] | None = None,
-    ) -> None:
-        self._set_up(False, solver, time_limit, memory_limit, environment)
-
-    @classmethod
-    def made_by(cls, make: Callable[[], Any], **settings: Any) -> Self:
-        """The object that make() returns in the process, anew in each process that is started."""
-        isolated = cls.__new__(cls)
-        isolated._set_up(True, make, **{"time_limit": 30.0, "memory_limit": None, "environment": None, **settings})
-        return isolated
-
-    def _set_up(
-        self,
-        is_made: bool,
-        given: Any,
-        time_limit: float,
-        memory_limit: int | None,
-        environment: Mapping[str, str] | None,
     ) -> None:
         import cloudpickle  # takes what is defined in __main__, and functions of functions
 
@@ -96,7 +82,7 @@ class Isolated:
         self.losses = 0  # processes that hung or crashed
         self._seconds: deque[float] = deque(maxlen=100)  # of the last calls that were answered
         self._environment = dict(environment or {})
-        self._start = pickle.dumps(("start", (memory_limit, is_made, cloudpickle.dumps(given))))
+        self._start = pickle.dumps(("start", (memory_limit, cloudpickle.dumps(make or (lambda: solver)))))
         self._first: bytes | None = None
         self._process: _Process | None = None
         self._lock = threading.RLock()

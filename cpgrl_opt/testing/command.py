@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from ..isolation import Isolated, IsolationError, apply, exit_on_termination
 from ..validation import require_count, require_member
 from .laws import LAWS
 from .subject import CannotCheck, checkable_solver, spelling_of
-from .verdict import CheckResult, Verdict, verdict_on
+from .verdict import CheckResult, Verdict, check_direction_solver
 
 HELD, BROKEN, UNWRITTEN, INTERRUPTED = 0, 1, 2, 130
 # 8 GiB: the laws' problems are a few kilobytes, but libraries that bring threads and compilers reserve some gigabytes.
@@ -46,7 +46,6 @@ def check_target(
     time_limit: float = 30.0,
     memory_limit: int = MEMORY_LIMIT,
     progress: Callable[[str], None] = lambda _: None,
-    is_isolated: bool = True,
 ) -> int:
     """Checks the solver that the target names, and prints the verdict.
 
@@ -64,8 +63,6 @@ def check_target(
         Seconds that one problem may take, and bytes that the solver's process may allocate.
     progress
         Is told the name of each law that is done.
-    is_isolated
-        Whether the solver gets a process of its own; False for one that is known to come back.
 
     Returns
     -------
@@ -84,19 +81,12 @@ def check_target(
     if markdown is not None and (not markdown.parent.is_dir() or markdown.is_dir()):
         raise ValueError(f"markdown should be a file in a folder that exists; found {str(markdown)!r}")
     expected = expected_of(expected_failures)
-    with ExitStack() as stack:
-        solver: Any
-        if is_isolated:
-            make = partial(checkable_solver, target)
-            limits = {"time_limit": time_limit, "memory_limit": memory_limit}
-            solver = stack.enter_context(Isolated.made_by(make, **limits))
-        else:
-            solver = checkable_solver(target)
+    make = partial(checkable_solver, target)
+    with Isolated(make=make, time_limit=time_limit, memory_limit=memory_limit) as solver:
         try:
-            spelled = apply(spelling_of, solver, target)
-            verdict = verdict_on(
-                solver, LAWS.values(), expected, max_examples=max_examples, seed=seed,
-                name=target, spelled=spelled, progress=progress,
+            verdict = check_direction_solver(
+                solver, expected_failures=expected, max_examples=max_examples, seed=seed,
+                checks=tuple(LAWS), spelled=apply(spelling_of, solver, target), progress=progress,
             )  # fmt: skip
         except IsolationError as lost:
             raise CannotCheck(f"{target} should import and answer a problem; found {lost}") from lost
@@ -105,7 +95,7 @@ def check_target(
             f"{target} should take some of the laws' problems, Euclidean ones or, with `takes_geometry = True`, those "
             "with a radius, of several rows or one; found that `supports` takes none"
         )
-    return _report(verdict, markdown)
+    return _report(replace(verdict, solver=target), markdown)
 
 
 def _report(verdict: Verdict, markdown: Path | None) -> int:

@@ -1,6 +1,6 @@
 """`check_direction_solver`: every law put to a solver, and the verdict with counts and counterexamples."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -152,11 +152,14 @@ def check_direction_solver(
     max_examples: int = 100,
     seed: int = 0,
     checks: Collection[str] | None = None,
+    spelled: Spelled = ((), ""),
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Verdict:
-    """Every law of `LAWS` put to a solver on generated problems.
+    """Every law of `LAWS` put to a solver on generated problems; `isolation.Isolated` if it may hang or crash.
 
     expected_failures: name of a check → why it is bound to fail; such failures are counted and excused.
     max_examples: problems a check. seed: the same seed draws the same problems. checks: names, all if None.
+    spelled: statements and the expression by which counterexamples get the solver. progress: is told each law done.
     A check fails when the law breaks once, when the solver declines more than 5 % (and more than one) of the problems
     that float64 determines, or when `supports` took none of those drawn though it takes examples. Of fewer than 50
     problems more may be declined, if it may be by chance; all results together are judged in the same way.
@@ -165,28 +168,14 @@ def check_direction_solver(
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):
         require_member("check", name, tuple(LAWS))
-    chosen = [law for law in LAWS.values() if checks is None or law.name in checks]
-    return verdict_on(solver, chosen, expected, max_examples=max_examples, seed=seed, name=_solver_name(solver))
-
-
-def verdict_on(
-    solver: DirectionSolver,
-    laws: Iterable[Law],
-    expected: Mapping[str, str],
-    *,
-    max_examples: int,
-    seed: int,
-    name: str,
-    spelled: Spelled = ((), ""),
-    progress: Callable[[str], None] = lambda _: None,
-) -> Verdict:
-    """`check_direction_solver` of some laws. progress: is told the name of each that is done."""
     if isinstance(solver, Isolated):
         solver.begin_with(_get_ready)
     tolerance = tolerance_of(solver)
     results: list[CheckResult] = []
     lost = 0
-    for law in laws:
+    for law in LAWS.values():
+        if checks is not None and law.name not in checks:
+            continue
         before = losses_of(solver)
         reason = expected.get(law.name, "")
         if lost >= _MOST_LOST:
@@ -197,7 +186,7 @@ def verdict_on(
             results.append(found)
         lost += losses_of(solver) > before
         progress(law.name)
-    return Verdict(name, tolerance, max_examples, seed, tuple(results))
+    return Verdict(_solver_name(solver), tolerance, max_examples, seed, tuple(results))
 
 
 def _get_ready(solver: DirectionSolver) -> None:

@@ -4,6 +4,7 @@ import random
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -60,19 +61,8 @@ def test_every_law_is_a_check_of_the_package_and_states_itself():
         assert "Source:" in law.check.__doc__, name
 
 
-def test_counts_add_up(verdict):
-    broken = verdict["check_stationarity"]
-    assert broken.run + broken.skipped == 20
-    assert 0 < broken.failed <= broken.run - broken.declined
-    assert broken.expected == 0
-    declared = verdict["check_scaling"]
-    assert declared.expected > 0
-    assert declared.failed == 0
-
-
-def test_declared_failures_are_excused_and_others_are_not(verdict):
+def test_declared_failures_are_excused_and_others_are_not_and_counts_add_up(verdict):
     assert not verdict.passed
-    assert [result.check for result in verdict.failures] == ["check_stationarity"]
     words = {result.check: result.word for result in verdict.results}
     assert words == {
         "check_stationarity": "FAILED",
@@ -80,12 +70,15 @@ def test_declared_failures_are_excused_and_others_are_not(verdict):
         "check_silence": "held, though expected to fail",
         "check_batch_is_loop": "unsupported",
     }
-
-
-def test_a_failure_raises_with_the_counterexample(verdict):
+    broken, declared = verdict["check_stationarity"], verdict["check_scaling"]
+    assert verdict.failures == (broken,)
+    assert broken.run + broken.skipped == 20
+    assert 0 < broken.failed <= broken.run - broken.declined
+    assert (broken.expected, declared.failed) == (0, 0)
+    assert declared.expected > 0
     with pytest.raises(LawBroken, match=r"check_stationarity[\s\S]*should be at most 1e-06[\s\S]*DirectionProblem\("):
         verdict.raise_for_failures()
-    verdict["check_scaling"].raise_for_failure()
+    declared.raise_for_failure()
 
 
 def test_the_counterexample_is_small_enough_for_a_check_by_hand(verdict):
@@ -110,18 +103,14 @@ def test_the_markdown_has_a_row_for_every_check_and_the_code(verdict):
     assert {row.replace("\\|", "").count("|") for row in rows} == {9}
 
 
-def test_the_same_seed_gives_the_same_verdict_and_another_seed_other_problems():
+def test_the_same_seed_gives_the_same_verdict_and_another_seed_other_problems(verdict):
     def drawn(seed):
         seen = []
         spy = SimpleNamespace(solve=lambda problem: seen.append(problem) or SOLVERS["active-set"].solve(problem))
-        verdict = check_direction_solver(spy, checks=["check_stationarity"], max_examples=20, seed=seed)
-        return [problem.gradient.tobytes() for problem in seen], verdict.results
+        check_direction_solver(spy, checks=["check_stationarity"], max_examples=5, seed=seed)
+        return [problem.gradient.tobytes() for problem in seen]
 
-    assert drawn(3) == drawn(3)
-    assert drawn(3)[0] != drawn(4)[0]
-
-
-def test_a_failure_repeats_itself_to_the_counterexample(verdict):
+    assert drawn(3) != drawn(4)
     again = check_direction_solver(UnitLength(), checks=["check_stationarity"], max_examples=20)
     assert again["check_stationarity"] == verdict["check_stationarity"]
 
@@ -135,12 +124,12 @@ def test_a_solver_that_draws_from_the_global_generators_gets_the_same_verdict_ea
         return Direction(answer.value, answer.multipliers, Status.ITERATION_LIMIT if gives_up else answer.status)
 
     def declined():
-        checks = ["check_stationarity", "check_answers_repeat", "check_permutation"]
-        verdict = check_direction_solver(SimpleNamespace(solve=solve), checks=checks, max_examples=40)
+        checks = ["check_stationarity", "check_answers_repeat"]
+        verdict = check_direction_solver(SimpleNamespace(solve=solve), checks=checks, max_examples=20)
         return [(result.run, result.declined, result.failed) for result in verdict.results]
 
     seen = set()
-    for number, kept in ((1, 20_000), (2, 20_000), (3, 0)):
+    for number, kept in ((1, 20_000), (2, 0)):
         np.random.seed(number)  # noqa: NPY002
         random.seed(number)
         monkeypatch.setattr("cpgrl_opt.testing.examination._MOST_KEPT", kept)
@@ -152,48 +141,48 @@ def test_a_solver_that_draws_from_the_global_generators_gets_the_same_verdict_ea
 
 def is_example(problem):
     """Whether it is one of those by which the kit finds out what a solver takes."""
-    return any(problem is each for each in (*domain._examples(domain._usual()), *domain._examples(domain._rare())))
+    return id(problem) in _identities()
 
 
-def test_a_check_that_ran_on_nothing_is_not_passed():
+@cache
+def _identities():
+    return {id(each) for shapes in (domain._usual(), domain._rare()) for each in domain._examples(shapes)}
+
+
+def test_a_check_that_ran_on_nothing_is_not_passed_and_not_excused():
     """`supports` takes an example of each case but none of the problems."""
     choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=is_example)
-    verdict = check_direction_solver(choosy, checks=["check_stationarity"], max_examples=10)
-    assert not verdict.passed
-    assert verdict["check_stationarity"].run == 0
-    assert verdict["check_stationarity"].skipped == 10
-    assert "no problem was run" in verdict["check_stationarity"].problem
-
-
-TAKES_NOTHING = SimpleNamespace(solve=None, supports=lambda _: False)
-
-
-def test_a_verdict_in_which_nothing_was_run_does_not_pass():
-    verdict = check_direction_solver(TAKES_NOTHING)
-    assert not verdict.passed
-    assert f"0 held, {len(LAWS)} unsupported; no problem was run: let `supports` take some" in verdict.summary
-    with pytest.raises(LawBroken, match="no problem was run"):
-        verdict.raise_for_failures()
-    assert not check_direction_solver(SOLVERS["nnls"], checks=[]).passed
-
-
-def test_items_of_a_solver_that_takes_nothing_fail_instead_of_being_skipped():
-    items = parametrize_with_checks({"idle": TAKES_NOTHING}, max_examples=1).mark.args[1]
-    for solver, check in (item.values for item in items):
-        with pytest.raises((LawBroken, pytest.skip.Exception), match="should take some of the laws' problems"):
-            check(solver)
-
-
-def test_a_declared_failure_does_not_excuse_a_law_that_was_put_to_no_problem():
-    choosy = SimpleNamespace(solve=SOLVERS["nnls"].solve, supports=is_example)
     check, excuse = "check_stationarity", {"check_stationarity": "is bound to break"}
-    verdict = check_direction_solver(choosy, checks=[check], expected_failures=excuse, max_examples=5)
-    assert not verdict.passed
-    assert verdict[check].word == "FAILED"
+    for expected in ({}, excuse):
+        verdict = check_direction_solver(choosy, checks=[check], expected_failures=expected, max_examples=5)
+        assert (verdict.passed, verdict[check].word) == (False, "FAILED")
+        assert (verdict[check].run, verdict[check].skipped) == (0, 5)
+        assert "no problem was run" in verdict[check].problem
     items = parametrize_with_checks({"mine": choosy}, expected_failures={"mine": excuse}, max_examples=5).mark.args[1]
     (item,) = (each.values[1] for each in items if each.id == "mine-stationarity")
     with pytest.raises((LawBroken, pytest.xfail.Exception), match="no problem was run"):
         item(choosy)
+
+
+def test_of_a_solver_that_takes_nothing_verdict_and_items_fail():
+    nothing = SimpleNamespace(solve=None, supports=lambda _: False)
+    verdict = check_direction_solver(nothing, checks=["check_stationarity"])
+    assert not verdict.passed
+    assert "0 held, 1 unsupported; no problem was run: let `supports` take some" in verdict.summary
+    with pytest.raises(LawBroken, match="no problem was run"):
+        verdict.raise_for_failures()
+    assert not check_direction_solver(SOLVERS["nnls"], checks=[]).passed
+    _, item = parametrize_with_checks({"idle": nothing}, max_examples=1).mark.args[1][0].values
+    with pytest.raises(LawBroken, match="should take some of the laws' problems"):
+        item(nothing)
+
+
+def test_after_three_losses_the_rest_is_not_run(monkeypatch):
+    lost = iter(range(20))
+    monkeypatch.setattr("cpgrl_opt.testing.verdict.losses_of", lambda _: next(lost))
+    verdict = check_direction_solver(SOLVERS["nnls"], checks=list(LAWS)[:5], max_examples=1)
+    assert ["not run" in result.problem for result in verdict.results] == [False, False, False, True, True]
+    assert not verdict.passed
 
 
 def test_a_solver_that_declares_nothing_takes_every_case_at_one_millionth():
@@ -224,14 +213,14 @@ def test_a_supports_that_raises_is_a_failure_that_says_so_and_counts(problem_of_
         assert bool(result.counterexample) == problem_of_the_law
 
 
-@pytest.mark.parametrize("tolerance", [10, 2e-3, 0.0, -1e-6, float("nan"), None, "small"])
+@pytest.mark.parametrize("tolerance", [2e-3, 0.0, float("nan"), "small"])
 def test_a_declared_tolerance_by_which_anything_is_an_optimum_is_refused(tolerance):
     """d = g with μ = 0 is within 10 of every optimum."""
     lenient = SimpleNamespace(solve=lambda p: Direction(p.gradient, np.zeros(p.m), Status.OPTIMAL), tolerance=tolerance)
     message = rf"tolerance should be a number in \(0, 0\.001\]; found {tolerance!r}"
     with pytest.raises(ValueError, match=message):
         check_direction_solver(lenient, max_examples=1)
-    for item in parametrize_with_checks({"lenient": lenient}, max_examples=1).mark.args[1][-3:]:
+    for item in parametrize_with_checks({"lenient": lenient}, max_examples=1).mark.args[1][-1:]:
         with pytest.raises(ValueError, match=message):
             item.values[1](lenient)
 
@@ -294,35 +283,27 @@ def test_a_status_may_be_a_number_or_a_name(status):
     assert check_stationarity(SimpleNamespace(solve=lambda _: answer), PROBLEM) == Outcome.HELD
 
 
-def test_parametrize_makes_an_item_for_each_solver_and_law():
-    mark = parametrize_with_checks({"mine": UnitLength(), "yours": UnitLength()}).mark
-    ids = [item.id for item in mark.args[1]]
-    assert len(ids) == 2 * len(LAWS)
-    assert {"mine-stationarity", "yours-silence"} <= set(ids)
+def test_there_is_an_item_for_each_solver_and_law_that_fails_skips_or_xfails():
+    class Doubled:
+        def solve(self, problem):
+            answer = SOLVERS["active-set"].solve(problem)
+            return Direction(2 * answer.value, answer.multipliers, answer.status)
 
-
-def test_items_fail_skip_and_xfail_as_they_should(tmp_path):
-    (tmp_path / "test_mine.py").write_text(
-        "from cpgrl_opt import SOLVERS, Direction\n"
-        "from cpgrl_opt.testing import parametrize_with_checks\n"
-        "class Doubled:\n"
-        "    def solve(self, problem):\n"
-        "        answer = SOLVERS['active-set'].solve(problem)\n"
-        "        return Direction(2 * answer.value, answer.multipliers, answer.status)\n"
-        "@parametrize_with_checks({'mine': Doubled()}, max_examples=8,\n"
-        "                         expected_failures={'mine': {'check_idempotence': 'doubles'}})\n"
-        "def test_laws(solver, check):\n"
-        "    check(solver)\n"
-    )
-    chosen = "stationarity or idempotence or silence or batch"
-    run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, "--tb=line", "test_mine.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert f"1 failed, 1 passed, 1 skipped, {len(LAWS) - 4} deselected, 1 xfailed" in run.stdout, run.stdout
+    excused = {"mine": {"check_idempotence": "doubles"}}
+    both = {"mine": Doubled(), "yours": SOLVERS["nnls"]}
+    marked = parametrize_with_checks(both, max_examples=8, expected_failures=excused)
+    items = {item.id: item.values for item in marked.mark.args[1]}
+    assert len(items) == 2 * len(LAWS)
+    for name, end in (
+        ("mine-stationarity", LawBroken),
+        ("mine-batch_is_loop", pytest.skip.Exception),
+        ("mine-idempotence", pytest.xfail.Exception),
+    ):
+        solver, check = items[name]
+        with pytest.raises(end):
+            check(solver)
+    solver, check = items["yours-silence"]
+    assert check(solver).passed
 
 
 def test_nothing_is_written_into_the_folder_of_the_user(tmp_path):

@@ -271,5 +271,5 @@ def test_the_command_examines_cpo(capsys, monkeypatch):
         name: LAWS[name] for name in ("check_agreement_with_enumeration", "check_least_violation", "check_permutation")
     }
     monkeypatch.setattr("cpgrl_opt.testing.command.LAWS", {name: LAWS[name] for name in few})
-    assert check_target("cpgrl_opt.published:CPO", max_examples=5, is_isolated=False) == 0
+    assert check_target("cpgrl_opt.published:CPO", max_examples=5) == 0
     assert "CPO passes: of 3 laws 2 held, 1 unsupported" in capsys.readouterr().out
