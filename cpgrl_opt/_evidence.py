@@ -82,12 +82,11 @@ def read_certificate(
     return Evidence(problem, mu, kappa, certificate.rest, float(lengths[0]), certificate.length, rows, bound, slack)
 
 
-def _look(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:
-    """In float64, where M = I."""
-    return _see(problem, d, mu, kappa, unit_rows(problem.jacobian))
-
-
-def _see(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, rows: UnitRows) -> Evidence:
+def _look(
+    problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float, rows: UnitRows | None = None
+) -> Evidence | None:
+    """In float64, where M = I; rows: Ĵ, where it is known."""
+    rows = unit_rows(problem.jacobian) if rows is None else rows
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         g, J, bound = problem.gradient, problem.jacobian, rows.per_length(problem.bound)
         slack = rows.jacobian @ d - bound
@@ -100,7 +99,7 @@ def _look_in_units(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa:
     if flat.failure is not None:
         return None
     mu, kappa = flat.in_units(d, mu, kappa)[1:]
-    return _see(flat.problem, flat.inside(d), mu, kappa, flat.unit)
+    return _look(flat.problem, flat.inside(d), mu, kappa, flat.unit)
 
 
 def _look_closely(problem: DirectionProblem, d: Vector, mu: Multipliers, kappa: float) -> Evidence | None:

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import ArrayLike, Float
-from .metric import validated_metric
-from .metric_operator import ITERATIONS, TOLERANCE, require_limits
+from .metric import check_metric
 from .validation import (
     boolean_array,
     finite_array,
@@ -38,7 +37,9 @@ def check_arrays(
     if axes == 1:
         _require_kind_of(gradient, jacobian)
     g, J = finite_array("gradient", gradient, axes), finite_array("jacobian", jacobian, axes + 1)
-    _require_gradient_shape(g, J.shape)
+    require_shape("gradient", g, (*J.shape[:-2], J.shape[-1]))
+    if g.shape[-1] == 0:
+        raise ValueError("gradient should have at least one component; found none")
     return g, J, *check_bounds(bound, equality, J.shape[:-1])
 
 
@@ -73,13 +74,6 @@ def _pack(gradient: Any, jacobian: Any, bound: Any, axes: int) -> tuple[np.ndarr
     start, end = gradient.size, gradient.size + jacobian.size
     g, J, b = packed[:start], packed[start:end].reshape(shape), packed[end:]
     return (g, J, b) if axes == 1 else (g.reshape(gradient.shape), J, b.reshape(bound.shape))
-
-
-def _require_gradient_shape(gradient: np.ndarray, shape: tuple[Any, ...]) -> None:
-    """ValueError unless g belongs to a J of this shape, and has a component."""
-    require_shape("gradient", gradient, (*shape[:-2], shape[-1]))
-    if shape[-1] == 0:
-        raise ValueError("gradient should have at least one component; found none")
 
 
 def view_vectors(gradient: Any, jacobian: Any) -> Vectors | None:
@@ -118,14 +112,6 @@ def _is_vector(row: object) -> bool:
     return type(row) is np.ndarray and row.ndim == 1 and row.dtype == np.float64
 
 
-def check_metric(metric: Any, n: int, tolerance: Any = TOLERANCE, iterations: Any = ITERATIONS) -> tuple[Any, Any]:
-    """(M, L) of `validated_metric`; tolerance, iterations: of M⁻¹, where M is a function."""
-    require_limits(tolerance, iterations)
-    if isinstance(metric, type) or n == 0:
-        raise ValueError(f"metric should be None, (n,), (n, n) or a function v ↦ Mv; found {metric!r}")
-    return validated_metric(metric, n, tolerance, iterations)
-
-
 def check_metrics(metric: Any, count: int, n: int, *limits: Any) -> list[tuple[Any, Any]]:
     """(M, L) of each problem of a batch; one for all is factorized once."""
     if callable(metric):
@@ -147,7 +133,7 @@ def metric_of_rows(vectors: Vectors, metric: Any) -> Any:
     if metric is None or not isinstance(vectors, TreeVectors):
         return metric
     if callable(metric) and not isinstance(metric, type):
-        return lambda row: vectors.row_of(metric(vectors.unrounded(row)), "what metric returns")
+        return lambda row: vectors.row_of(metric(vectors.in_float64(row)), "what metric returns")
     is_matrix = hasattr(metric, "ndim") and metric.ndim == 2 and vectors.shape[1] == len(metric)
     return metric if is_matrix else vectors.row_of(metric, "metric")
 

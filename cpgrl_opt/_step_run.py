@@ -113,7 +113,7 @@ class StepRun:
         solver: DirectionSolver = self.settings.solver  # type: ignore[assignment]
         answers = solve_batch(solver, problems)
         if self.observe is not None:
-            self.observe(problems, answers.protected())
+            self.observe(problems, answers.protect())
         members = np.resize(runs, len(answers))
         answers = self.hand_on(problems, answers, members)
         if self.given is not None and self.settings.ridge == 0:
@@ -121,7 +121,7 @@ class StepRun:
         infeasible = np.flatnonzero(answers.status == Status.INFEASIBLE)
         np.add.at(self.counts["infeasible"], members[infeasible], 1)
         if self.formulation.takes_all and infeasible.size:
-            answers = answers.owned()
+            answers = answers.copy()
             for k in infeasible.tolist():
                 recovered = recover(problems[k], answers.value[k])
                 if recovered is not None:  # the proof stays what it is
@@ -136,7 +136,7 @@ class StepRun:
         And skipped where they are so in the coordinates alone of a metric that is known by its products.
         """
         slack = np.vecdot(problems.jacobian, answers.value[:, None]) - problems.bound
-        answers = answers.owned()
+        answers = answers.copy()
         is_rough = callable(self.settings.metric) and problems.radius is None
         for k in np.flatnonzero(answers.status <= (Status.INFEASIBLE if is_rough else Status.OPTIMAL)).tolist():
             J, bound, equality = self.given[runs[k]], problems.bound[k], problems.equality[k]  # type: ignore[index]
@@ -162,7 +162,7 @@ class StepRun:
             again = ActiveSet().solve_batch(problems.chosen(failed))
             answers = answers.replaced(failed, again)
             if self.observe is not None:
-                self.observe(problems.chosen(failed), again.protected())
+                self.observe(problems.chosen(failed), again.protect())
         self.counts["skipped"][runs[answers.status > Status.INFEASIBLE]] = 1
         return answers
 
@@ -191,7 +191,7 @@ class StepRun:
 
         Returns s, v, and whether PΔ¹ = 0 at the end of it.
         """
-        moves, active = [each.owned() for each in moves], constraints.active.copy()  # an observer may have kept them
+        moves, active = [each.copy() for each in moves], constraints.active.copy()  # an observer may have kept them
         always = self.settings.drop == "always"
         open_ = active.any(axis=1) if always else still
         for _ in range(active.shape[1]):

@@ -86,7 +86,7 @@ def least_violation_residual(problem: DirectionProblem, d: Vector) -> float:
 
     −Ĵᵀr is the gradient of the convex ½‖r‖². s = max(‖g‖, ‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E): an r of rounding size is none.
     """
-    d = _checked(problem, d)
+    d = _check_direction(problem, d)
     if not np.isfinite(d).all():
         return math.inf
     lack = violation(problem, d)
@@ -102,7 +102,7 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     it, s = max(‖d‖, (b̂ᵢ)₊, |b̂ᵢ| on E) and no more than the radius: 0 where d is in the ball and no other point of it
     violates less, Π(d + Ĵᵀr) being a step of projected descent.
     """
-    d = _checked(problem, d)
+    d = _check_direction(problem, d)
     if not np.isfinite(d).all() or (problem.metric is not None and flatten(problem).failure is not None):
         return math.inf
     flat, d, radius = _flatten(problem, d)
@@ -221,7 +221,7 @@ def _read_rows(problem: DirectionProblem, y: Multipliers, pull: Callable[[Multip
     return _Proof(force, negative, gain, size, float(np.abs(weights).sum()))
 
 
-def _checked(problem: DirectionProblem, d: Any) -> Vector:
+def _check_direction(problem: DirectionProblem, d: Any) -> Vector:
     """d, (n,); ValueError for another shape, and for a problem that shows no rows."""
     require_problem(problem)
     require_rows(problem)

@@ -37,14 +37,14 @@ def as_directions(answers: Any, count: int, n: int, m: int) -> DirectionBatch:
 def _parts(what: str, answer: Any, shape: tuple[Any, ...], n: int, m: int) -> tuple[np.ndarray, ...]:
     """Value, multipliers, statuses, iterations and κ of one answer, shape (), or of several, (count,)."""
     if not all(hasattr(answer, part) for part in ("value", "multipliers", "status")):
-        raise ValueError(f"{what}; found {_shortened(answer)}")
+        raise ValueError(f"{what}; found {_shorten(answer)}")
     value = _numbers(what, "value", answer.value, (*shape, n))
     multipliers = _numbers(what, "multipliers", answer.multipliers, (*shape, m))
     given, kappa = getattr(answer, "iterations", None), getattr(answer, "radius_multiplier", None)
     iterations = _numbers(what, "iterations", np.zeros(shape) if given is None else given, shape)
     is_whole = np.asarray(given).dtype != np.bool_ and (iterations == np.floor(iterations)).all()
     if not (is_whole and (np.abs(iterations) < 2.0**63).all()):  # NaN fails both comparisons
-        raise ValueError(f"{what}; found iterations that are no integers: {_shortened(given)}")
+        raise ValueError(f"{what}; found iterations that are no integers: {_shorten(given)}")
     kappa = _numbers(what, "radius_multiplier", np.zeros(shape) if kappa is None else kappa, shape)
     return value, multipliers, _statuses(what, answer.status, shape), iterations.astype(np.int64), kappa
 
@@ -68,17 +68,17 @@ def status_of(status: Any, what: str = "status should be a Status, or the number
             return Status(index(status))
     except (KeyError, TypeError, ValueError):
         pass
-    raise ValueError(f"{what}; found the status {_shortened(status)}")
+    raise ValueError(f"{what}; found the status {_shorten(status)}")
 
 
 def _statuses(what: str, values: Any, shape: tuple[Any, ...]) -> np.ndarray:
     given = np.asarray(values)
     if given.shape != shape:
-        raise ValueError(f"{what}; found the statuses {_shortened(values)}")
+        raise ValueError(f"{what}; found the statuses {_shorten(values)}")
     each = [values] if shape == () else given.tolist()  # as it came: an array of one would lose its type
     return np.array([status_of(one, what) for one in each], np.int64).reshape(shape)
 
 
-def _shortened(answer: Any) -> str:
+def _shorten(answer: Any) -> str:
     text = " ".join(repr(answer).split())
     return text if len(text) <= 100 else f"{text[:99]}…"

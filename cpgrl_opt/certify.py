@@ -59,21 +59,10 @@ from .validation import real_values, require_shape
 from .vectors import Certificate
 
 __all__ = [
-    "FARKAS_TOLERANCE",
-    "HasValueAndMultipliers",
-    "KKTResiduals",
-    "certified_residuals",
-    "certify",
-    "excess_violation",
-    "farkas_residual",
-    "is_proven",
-    "kkt_residuals",
-    "least_violation_residual",
-    "misses_a_bound",
-    "proof_tolerance",
-    "violation",
-    "violation_tolerance",
-]
+    "FARKAS_TOLERANCE", "HasValueAndMultipliers", "KKTResiduals", "certified_residuals", "certify", "excess_violation",
+    "farkas_residual", "is_proven", "kkt_residuals", "least_violation_residual", "misses_a_bound", "proof_tolerance",
+    "violation", "violation_tolerance",
+]  # fmt: skip
 
 _EPS = float(np.finfo(np.float64).eps)
 # Rounding of μ, in the unit of r, from which on r is formed in twice the precision, and its part outside the span of

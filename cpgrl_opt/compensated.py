@@ -25,32 +25,32 @@ class Pair(NamedTuple):
     def plus(self, other: "Pair") -> "Pair":
         """The sum of both."""
         total, error = two_sum(self.hi, other.hi)
-        return _normalised(total, error + (self.lo + other.lo))
+        return _normalise(total, error + (self.lo + other.lo))
 
     def times(self, factor: float | Float[np.ndarray, "*k"]) -> "Pair":
         """Each entry times the factor's."""
         product, error = two_product(self.hi, factor)
-        return _normalised(product, error + self.lo * factor)
+        return _normalise(product, error + self.lo * factor)
 
     def times_pair(self, other: "Pair") -> "Pair":
         """The product, each with each."""
         product, error = two_product(self.hi, other.hi)
-        return _normalised(product, error + (self.hi * other.lo + self.lo * other.hi))
+        return _normalise(product, error + (self.hi * other.lo + self.lo * other.hi))
 
     def over(self, other: "Pair") -> "Pair":
         """The quotient: of the high parts, corrected once by what it leaves."""
         quotient = self.hi / other.hi
-        rest = self.plus(other.negated().times(quotient))
-        return _normalised(quotient, rest.rounded() / other.hi)
+        rest = self.plus(other.negate().times(quotient))
+        return _normalise(quotient, rest.rounded() / other.hi)
 
     def root(self) -> "Pair":
         """√, of numbers > 0: Newton's method, once."""
         first = np.sqrt(self.hi)
         square, error = two_product(first, first)
-        rest = self.plus(Pair(square, error).negated())
-        return _normalised(first, rest.rounded() / (2.0 * first))
+        rest = self.plus(Pair(square, error).negate())
+        return _normalise(first, rest.rounded() / (2.0 * first))
 
-    def negated(self) -> "Pair":
+    def negate(self) -> "Pair":
         """The other sign."""
         return Pair(-self.hi, -self.lo)
 
@@ -69,10 +69,10 @@ class Pair(NamedTuple):
             half, is_odd = hi.shape[1] // 2, hi.shape[1] % 2
             rest_hi, rest_lo = hi[:, 2 * half :], lo[:, 2 * half :]
             total, error = two_sum(hi[:, :half], hi[:, half : 2 * half])
-            error += lo[:, :half] + lo[:, half : 2 * half]
+            error = error + lo[:, :half] + lo[:, half : 2 * half]
             hi = np.concatenate([total, rest_hi], axis=1) if is_odd else total
             lo = np.concatenate([error, rest_lo], axis=1) if is_odd else error
-        return _normalised(hi[:, 0], lo[:, 0])
+        return _normalise(hi.sum(axis=1), lo.sum(axis=1))  # of one number a row, or none
 
     def rounded(self) -> Float[np.ndarray, "*k"]:
         """hi + lo."""
@@ -106,25 +106,9 @@ def two_product(a: Any, b: Any) -> Any:
 
 def products(rows: Float[np.ndarray, "k n"], vector: Float[np.ndarray, "n"]) -> Pair:
     """Each row times the vector, (k,); summed in pairs, two halves of each row at a time."""
-    # Spelt out: the referee asks for it four times of each answer in a full metric.
-    scaled, hi = _HALVES * rows, rows * vector
-    high, other = scaled - (scaled - rows), _HALVES * vector
-    other = other - (other - vector)
-    low, rest = rows - high, vector - other
-    lo = low * rest - (((hi - high * other) - low * other) - high * rest)
-    while (width := hi.shape[1]) > 1:
-        half = width // 2
-        a, b = hi[:, :half], hi[:, half : 2 * half]
-        total = a + b
-        part = total - a
-        error = (a - (total - part)) + (b - part) + lo[:, :half] + lo[:, half : 2 * half]
-        hi = np.concatenate([total, hi[:, 2 * half :]], axis=1) if width % 2 else total
-        lo = np.concatenate([error, lo[:, 2 * half :]], axis=1) if width % 2 else error
-    hi, lo = hi.sum(axis=1), lo.sum(axis=1)  # of one number a row, or none
-    total = hi + lo
-    return Pair(total, lo - (total - hi))
+    return Pair(*two_product(rows, vector)).sums()
 
 
-def _normalised(hi: Float[np.ndarray, "*k"], lo: Float[np.ndarray, "*k"]) -> Pair:
+def _normalise(hi: Float[np.ndarray, "*k"], lo: Float[np.ndarray, "*k"]) -> Pair:
     total = hi + lo
     return Pair(total, lo - (total - hi))

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ._gate import check_arrays, check_bounds, check_metric, metric_of_rows, view_vectors
+from ._gate import check_arrays, check_bounds, metric_of_rows, view_vectors
 from .arrays import ArrayLike, Jacobian, Mask, Multipliers, Number, Vector
+from .metric import check_metric
 from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
 from .validation import freeze, read_only, real_values, require_positive, require_shape
 from .vectors import ArrayVectors, is_long

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import Float, Int, Number
-from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric
+from .metric_operator import ITERATIONS, TOLERANCE, OperatorMetric, require_limits
 from .validation import ReadOnlyArrays, finite_array, freeze, read_only, real_array, real_values, require_shape
 
 Metric = Float[np.ndarray, "n"] | Float[np.ndarray, "n n"]
@@ -83,14 +83,17 @@ class Whitening(ReadOnlyArrays):
         return np.asarray(columns.T)
 
 
-def validated_metric(
+def check_metric(
     metric: Any, n: int, tolerance: Number = TOLERANCE, iterations: Number = ITERATIONS
 ) -> tuple[Any, Any]:
     """A read-only copy of M, (n,) positive or (n, n) symmetric positive definite, and its L; else ValueError.
 
     A matrix that is symmetric up to rounding is replaced by its symmetric part. A callable v ↦ Mv comes back as it is,
-    and with it its `OperatorMetric`.
+    and with it its `OperatorMetric`. tolerance, iterations: of M⁻¹, where M is a function.
     """
+    require_limits(tolerance, iterations)
+    if isinstance(metric, type) or n == 0:
+        raise ValueError(f"metric should be None, (n,), (n, n) or a function v ↦ Mv; found {metric!r}")
     if callable(metric):
         return metric, OperatorMetric(metric, n, tolerance, iterations)
     axes = real_values("metric", metric).ndim
@@ -101,12 +104,12 @@ def validated_metric(
     diagonal = M if axes == 1 else M.diagonal()
     if not (diagonal > 0).all():
         raise ValueError(f"metric should have positive diagonal entries; found {diagonal.min()}")
-    M, whitening = (M, Whitening(np.sqrt(M))) if axes == 1 else _factorized(M)
+    M, whitening = (M, Whitening(np.sqrt(M))) if axes == 1 else _factorize(M)
     _ = whitening.balanced  # once, and not when somebody solves
     return M, whitening
 
 
-def _factorized(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
+def _factorize(M: Float[np.ndarray, "n n"]) -> tuple[Metric, Whitening]:
     size = np.sqrt(M.diagonal())
     scaled = M / size / size[:, None]  # unit diagonal: units of single parameters decide nothing
     asymmetry = float(np.abs(scaled - scaled.T).max())

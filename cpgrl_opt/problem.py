@@ -6,13 +6,13 @@ from typing import Any, overload
 
 import numpy as np
 
-from ._gate import check_arrays, check_metric, check_metrics, check_radii
+from ._gate import check_arrays, check_metrics, check_radii
 from .arrays import ArrayLike, Bool, Float, Number
 from .direction import Direction, Status
 from .direction_problem import Arrays, copy_metric
 from .direction_problem import DirectionProblem as DirectionProblem
 from .direction_problem import require_rows as require_rows
-from .metric import Whitening
+from .metric import Whitening, check_metric
 from .metric_operator import ITERATIONS, TOLERANCE
 from .validation import ReadOnlyArrays, read_only
 from .vectors import REPRESENTABLE

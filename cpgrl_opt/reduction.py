@@ -102,7 +102,7 @@ class Coordinates:
         target = _pair(bound[named - 1] / scales / unit).plus(self.gramian.at(named, 0).times(-1.0))
         w = _pair(multipliers[named - 1] * (scales / unit))
         for _ in range(3):
-            left = target.plus(K.times_pair(w.negated()).sums()).rounded()
+            left = target.plus(K.times_pair(w.negate()).sums()).rounded()
             w = w.plus(_pair(U @ (U.T @ left / S / S)))
         weights.put(named, w, unit / scales)
         return weights
@@ -198,7 +198,7 @@ def _eliminate(K: Pair, row: int, factor: Pair, k: int) -> Pair:
     column = K.at(slice(None), row).over(K.at(row, row).root())
     factor.put((slice(None), k), column)
     across, down = column.at(None), column.at(slice(None), None)
-    return K.plus(down.times_pair(across.negated()))
+    return K.plus(down.times_pair(across.negate()))
 
 
 def _solve_transposed(L: Pair, x: Pair) -> Pair:
@@ -207,7 +207,7 @@ def _solve_transposed(L: Pair, x: Pair) -> Pair:
     for j in range(len(w.hi) - 1, -1, -1):
         found = w.at(j).over(L.at(j, j))
         w.put(j, found)
-        w.put(slice(j), w.at(slice(j)).plus(L.at(j, slice(j)).times_pair(found.negated())))
+        w.put(slice(j), w.at(slice(j)).plus(L.at(j, slice(j)).times_pair(found.negate())))
     return w
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ._gate import check_metric, metric_of_rows, require_no_metric
+from ._gate import metric_of_rows, require_no_metric
 from ._step_run import StepRun
 from ._violation import is_missed
 from .active_set import violated
@@ -19,6 +19,7 @@ from .direct_step import move_parameters
 from .direction import DirectionError
 from .formulation import FORMULATIONS
 from .linearization import Linearization, convert_runs
+from .metric import check_metric
 from .metric_operator import OperatorMetric
 from .scaling import lengths
 from .step_in_span import step_in_metric, step_in_span

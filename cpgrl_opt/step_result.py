@@ -47,7 +47,7 @@ class StepResult:
 
 
 @cache
-def _counted_nothing(runs: tuple[Any, ...]) -> dict[str, Int[np.ndarray, "*runs"]]:
+def _no_counts(runs: tuple[Any, ...]) -> dict[str, Int[np.ndarray, "*runs"]]:
     """Zeros that nobody can write to: what is counted in most updates."""
     return dict.fromkeys(COUNTS, read_only(np.zeros(runs, np.int64)))
 
@@ -62,7 +62,7 @@ def usual_result(
     result = object.__new__(StepResult)  # past the frozen dataclass's own constructor, which takes a tenth of a step
     known = vars(result)
     known["change"], known["active"], known["stationary"] = change, active, np.zeros(flat.shape, np.bool_)
-    known["counts"] = {**_counted_nothing(flat.shape), "flat": flat}
+    known["counts"] = {**_no_counts(flat.shape), "flat": flat}
     known["multipliers"], known["residuals"], known["predicted_slack"] = proof
     return result
 

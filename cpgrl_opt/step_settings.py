@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from ._gate import check_metric
 from .active_set import ACTIVE_SET_RULES, ActiveSetRule, violated
 from .arrays import ArrayLike, Float, Number
 from .direction import DirectionBatch
 from .formulation import FORMULATIONS
-from .metric import Whitening
+from .metric import Whitening, check_metric
 from .metric_operator import ITERATIONS, TOLERANCE, require_limits
 from .problem import ProblemBatch
 from .settings import CheckedSettings
 from .solvers import SOLVERS, ActiveSet, DirectionSolver, Rosen, facts_of, find_solver, tolerance_of
 from .validation import real_values, require_member, require_nonnegative, require_positive
 from .vectors import is_long, kind_of
-from .vectors._structure import mapped
+from .vectors._structure import map_leaves
 from .vectors._trees import is_tree
 
 Observer = Callable[[ProblemBatch, DirectionBatch], None]
@@ -77,7 +76,7 @@ class StepSettings(CheckedSettings):
         else:
             metric, whitening = check_metric(metric, len(np.atleast_1d(real_values("metric", metric))))
             vars(self).update(metric=metric)
-        form = repr(mapped(np.shape, self.metric) if self.metric_is_tree else metric.shape).encode()
+        form = repr(map_leaves(np.shape, self.metric) if self.metric_is_tree else metric.shape).encode()
         vars(self).update(_whitening=whitening, _metric_bytes=form + metric.tobytes())
 
     @property

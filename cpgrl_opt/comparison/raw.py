@@ -13,7 +13,7 @@ import numpy as np
 
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from ..solvers.library_calls import BROKEN, answer_of, failure_named, quadratic_program
+from ..solvers.library_calls import BROKEN, answer_of, failure_of, quadratic_program
 from ..solvers.small_problem import SmallAnswer, SmallProblem
 from ..solvers.through_qpsolvers import BACK_ENDS
 
@@ -44,7 +44,7 @@ def _osqp(problem: DirectionProblem) -> Direction:
     identity = csc_matrix(np.eye(problem.n))
     workspace.setup(identity, -problem.gradient, csc_matrix(problem.jacobian), problem.bound, upper, verbose=False)
     result = workspace.solve(raise_error=False)
-    verdict = failure_named(result.info.status)
+    verdict = failure_of(result.info.status)
     certificate = result.prim_inf_cert if verdict == Status.INFEASIBLE else result.y
     return _claimed(problem, SmallAnswer(result.x, -np.asarray(certificate), failure=verdict))
 
@@ -68,7 +68,7 @@ def _cvxpy(problem: DirectionProblem) -> Direction:
     for mask, is_equality, constraint in parts:
         if constraint.dual_value is not None:
             multipliers[mask] = (-1.0 if is_equality else 1.0) * constraint.dual_value
-    verdict = failure_named(statement.status)
+    verdict = failure_of(statement.status)
     return _claimed(problem, SmallAnswer(d.value, multipliers, failure=verdict))
 
 

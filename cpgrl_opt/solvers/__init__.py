@@ -13,7 +13,7 @@ from .active_set import ActiveSet
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
 from .facts import DEFAULT_TOLERANCE, facts_of, supports, tolerance_of
-from .interface import TRUSTED, DirectionSolver, refereed, solve_stacked
+from .interface import TRUSTED, DirectionSolver, referee, solve_stacked
 from .nnls import NNLS
 from .osqp import OSQP
 from .packages import MissingPackageError, UnusablePackageError, has_package, is_installed, is_usable, obstacle
@@ -85,7 +85,7 @@ def solve_batch(
     """
     solver = find_solver(solver)
     answers = solve_stacked(solver, problems, threads=threads)
-    return answers if type(solver) in TRUSTED else refereed(problems, answers, tolerance_of(solver))
+    return answers if type(solver) in TRUSTED else referee(problems, answers, tolerance_of(solver))
 
 
 def find_solver(solver: DirectionSolver | str) -> DirectionSolver:
@@ -100,6 +100,6 @@ def find_solver(solver: DirectionSolver | str) -> DirectionSolver:
 __all__ = [
     "CVXPY", "DEFAULT_TOLERANCE", "NNLS", "OSQP", "SOLVERS", "ActiveSet", "DirectionSolver", "Enumeration",
     "MissingPackageError", "QPSolversBackend", "Rosen", "RosenDrop", "UnusablePackageError", "WithGeometry",
-    "compile_kernels", "facts_of", "find_solver", "has_package", "is_installed", "is_usable", "obstacle", "refereed",
+    "compile_kernels", "facts_of", "find_solver", "has_package", "is_installed", "is_usable", "obstacle", "referee",
     "solve", "solve_batch", "solver_named", "supports", "tolerance_of",
 ]  # fmt: skip

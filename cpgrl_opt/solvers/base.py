@@ -1,20 +1,23 @@
 """What our solvers share: a core each, and one pipeline around it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, require_problem
-from .exact_core import project, project_batch, solve_small_exactly
-from .geometry import RowSolver, solve_batch_in_geometry, solve_in_geometry
+from ..settings import CheckedSettings
+from .exact_core import project, project_batch
+from .geometry import solve_batch_in_geometry, solve_in_geometry
 from .interface import no_answers, unsupported
 from .packages import require_packages
 from .pipeline import solve_by
-from .small_problem import SmallAnswer, SmallProblem
+from .small_problem import Core, SmallAnswer, SmallProblem, as_problem, as_small
 from .span import solve_in_span
 
+_EXACT = 1e-12  # worst residual of a small answer: the search judges what comes of it, and asks no more
 
-class Solver(RowSolver):
+
+class Solver(CheckedSettings):
     """Base of a frozen dataclass of settings; its `solve_rows` answers problems with M = I, no ball, short vectors.
 
     `solve` and `solve_batch` bring all others there: long vectors are taken to the coordinates of their own span (see
@@ -23,6 +26,19 @@ class Solver(RowSolver):
 
     takes_geometry: ClassVar[bool] = True
     declines_by_itself: ClassVar[bool] = True
+    tangent: ClassVar[bool | None] = None  # of the exact core, where that is the solver's: takes equalities only
+
+    tolerance: float  # the worst residual of an OPTIMAL answer
+    solve_rows: Callable[[DirectionProblem], Direction]  # with a status that the referee granted
+    solve_small: Core  # x and μ of a small problem, as far as the method gets
+
+    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
+        """Equalities, cones and bounds."""
+        return True
+
+    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
+        """B problems with M = I, no ball, of short vectors."""
+        return DirectionBatch.stack([self.solve_rows(problem) for problem in problems])
 
     def solve(self, problem: DirectionProblem) -> Direction:
         """The certified direction; see `Status`. Raises MissingPackageError, UnusablePackageError."""
@@ -70,7 +86,7 @@ class ExactSolver(Solver):
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The exact core, as the ball's search asks it."""
-        return solve_small_exactly(small, tangent=self.tangent)
+        return as_small(project(as_problem(small), _EXACT, tangent=self.tangent))
 
 
 class SmallSolver(Solver):

@@ -6,18 +6,19 @@ The direct pass answers where rows are well apart, `thorough` the rest. M = I, n
 checked but that NaN and overflow end as NUMERICAL_ERROR: `DirectionProblem` has validated them.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ..direction import Direction, DirectionBatch, KKTResiduals, Status
 from ..problem import DirectionProblem, ProblemBatch
 from .compiled._direct import OPEN, project_directly
+from .compiled._entry_point import EntryPoint
 from .compiled._projection import project_stacked
 from .compiled._trust_region import climb_directly
-from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .thorough import solve_thoroughly
 
 _OPTIMAL = Status.OPTIMAL
-_EXACT = 1e-12  # worst residual of a small answer
 
 
 def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction:
@@ -32,23 +33,19 @@ def project(problem: DirectionProblem, tolerance: float, *, tangent: bool = Fals
     if status == OPEN:
         return solve_thoroughly(ProblemBatch.trusted(g[None], J[None], b[None], E[None]), tolerance, tangent=tangent)[0]
     residuals = tuple.__new__(KKTResiduals, parts)  # past the named tuple's own, a function in Python
-    return Direction.found(value, multipliers, _OPTIMAL, int(changes), residuals, "rows")
+    return Direction.make(value, multipliers, _OPTIMAL, int(changes), residuals, "rows")
 
 
 def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
     """B problems, each exactly as `project` answers it."""
-    count, m, n = problems.jacobian.shape
-    value, multipliers, report = np.empty((count, n)), np.empty((count, m)), np.empty((6, count))
-    found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
-    g, b, E = problems.gradient.reshape(-1), problems.bound.reshape(-1), problems.equality.reshape(-1)
-    project_directly.run(tangent, g, problems.jacobian.reshape(-1, n), b, E, tolerance, *found)
+    value, multipliers, report = _run_stacked(project_directly, problems, 6, tolerance, tangent=tangent)
     status, iterations = report[:2].astype(np.int64)
     left = np.flatnonzero(status)  # OPTIMAL is 0
     answers = solve_thoroughly(problems.chosen(status != 0), tolerance, tangent=tangent) if left.size else []
     for k, answer in zip(left, answers, strict=True):
         status[k], value[k], multipliers[k] = answer.status, answer.value, answer.multipliers
         iterations[k], report[2:, k] = answer.iterations, answer.residuals or np.nan
-    return DirectionBatch(value, multipliers, status, iterations, None, report[2:].T, np.full(count, "rows"))
+    return DirectionBatch(value, multipliers, status, iterations, None, report[2:].T, np.full(len(status), "rows"))
 
 
 def climb(problem: DirectionProblem, tolerance: float, *, tangent: bool = False) -> Direction | None:
@@ -64,21 +61,22 @@ def climb(problem: DirectionProblem, tolerance: float, *, tangent: bool = False)
 
 def climb_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = False) -> DirectionBatch:
     """B such problems: OPTIMAL with its certificate, or UNCERTIFIED, which is no answer."""
-    count, m, n = problems.jacobian.shape
-    value, multipliers, report = np.zeros((count, n)), np.zeros((count, m)), np.empty((7, count))
-    found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
-    g, b, E = problems.gradient.reshape(-1), problems.bound.reshape(-1), problems.equality.reshape(-1)
-    rows, radii = problems.jacobian.reshape(-1, n), np.asarray(problems.radius)
-    climb_directly.run(tangent, g, rows, b, E, radii, tolerance, *found)
+    radii = np.asarray(problems.radius)
+    value, multipliers, report = _run_stacked(climb_directly, problems, 7, radii, tolerance, tangent=tangent)
     status = np.where(report[0] == OPEN, Status.UNCERTIFIED, Status.OPTIMAL)
     residuals, kappa = report[2:6].T.copy(), np.where(status, 0.0, report[6])
     residuals[status != 0] = np.nan
-    return DirectionBatch(value, multipliers, status, report[1].astype(int), kappa, residuals, np.full(count, "rows"))
+    rung = np.full(len(status), "rows")
+    return DirectionBatch(value, multipliers, status, report[1].astype(int), kappa, residuals, rung)
 
 
-def solve_small_exactly(small: SmallProblem, *, tangent: bool = False) -> SmallAnswer:
-    """The exact core as any other."""
-    return as_small(project(as_problem(small), _EXACT, tangent=tangent))
+def _run_stacked(kernel: EntryPoint, problems: ProblemBatch, reports: int, *settings: Any, tangent: bool) -> Any:
+    """d (B, n), μ (B, m) and the reports (reports, B) of a kernel for B problems."""
+    (count, m, n), (g, J, b, E) = problems.jacobian.shape, problems.arrays()
+    found = np.zeros((count, n)), np.zeros((count, m)), np.empty((reports, count))
+    given = g.reshape(-1), J.reshape(-1, n), b.reshape(-1), E.reshape(-1)
+    kernel.run(tangent, *given, *settings, *(each.reshape(-1) for each in found))
+    return found
 
 
 def compile_kernels(*, thorough: bool = True) -> None:

@@ -9,7 +9,7 @@ with M itself. Source: Golub & Van Loan, Matrix Computations, §4.2 (whitening b
 
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -17,48 +17,21 @@ from ..certify import FARKAS_TOLERANCE, certify, farkas_residual, misses_a_bound
 from ..direction import Direction, DirectionBatch, Status
 from ..flat import Flat, flatten
 from ..problem import DirectionProblem, ProblemBatch, convert_answer, nothing
-from ..settings import CheckedSettings
 from .exact_core import climb, climb_batch
 from .infeasibility import infeasible_direction
 from .interface import unsupported
-from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
+from .small_problem import SmallProblem, as_problem, as_small
 from .span import solve_in_span
 from .trust_region import climb_on_face, solve_in_ball
 
 # A residual that a look at the rows as given would hardly mend.
 _SHARP = 1e-12
-_ARRAYS = ("gradient", "jacobian", "bound", "equality")
 
 
-class RowSolver(CheckedSettings):
-    """What a metric, a ball and long vectors are put around: problems with M = I, no ball, short vectors."""
-
-    tangent: ClassVar[bool | None] = None  # of the exact core, where that is the solver's: takes equalities only
-
-    tolerance: float  # the worst residual of an OPTIMAL answer
-
-    def supports(self, problem: DirectionProblem) -> bool:  # noqa: ARG002 - all of them
-        """Equalities, cones and bounds."""
-        return True
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """Any problem's certified direction; see `Status`."""
-        raise NotImplementedError
-
-    def solve_rows(self, problem: DirectionProblem) -> Direction:
-        """The direction of such a problem, with a status that the referee granted."""
-        raise NotImplementedError
-
-    def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
-        """B such problems."""
-        return DirectionBatch.stack([self.solve_rows(problem) for problem in problems])
-
-    def solve_small(self, small: SmallProblem) -> SmallAnswer:
-        """The core: x and μ of the small problem, as far as the method gets."""
-        raise NotImplementedError
+Solver = Any  # of `base`, which stands on this: with its `supports`, `solve`, `solve_rows` and `solve_small`
 
 
-def solve_in_geometry(solver: RowSolver, problem: DirectionProblem) -> Direction:
+def solve_in_geometry(solver: Solver, problem: DirectionProblem) -> Direction:
     """The answer to a problem with a metric, a radius or both; UNSUPPORTED where the solver takes no such rows."""
     if not solver.supports(problem):
         return unsupported(problem)
@@ -68,7 +41,7 @@ def solve_in_geometry(solver: RowSolver, problem: DirectionProblem) -> Direction
     return _solve_whole(solver, problem)
 
 
-def _solve_whole(solver: RowSolver, problem: DirectionProblem) -> Direction:
+def _solve_whole(solver: Solver, problem: DirectionProblem) -> Direction:
     """In all n parameters, but where the metric leaves a long problem in a ball."""
     quick, tangent = None, solver.tangent
     if problem.metric is None and tangent is not None and not problem.is_long:
@@ -93,7 +66,7 @@ def _solve_whole(solver: RowSolver, problem: DirectionProblem) -> Direction:
     return _try(solver, problem, flat, again)
 
 
-def _try(solver: RowSolver, problem: DirectionProblem, flat: Flat, answer: Direction) -> Direction:
+def _try(solver: Solver, problem: DirectionProblem, flat: Flat, answer: Direction) -> Direction:
     """What is found in the ball, and, where that is not sharp, what its face says by the rows as given."""
     found = _bring_back(problem, flat, answer, solver.tolerance)
     is_sharp = found.residuals is not None and max(found.residuals) <= _SHARP
@@ -110,7 +83,7 @@ def _try(solver: RowSolver, problem: DirectionProblem, flat: Flat, answer: Direc
     return found
 
 
-def solve_batch_in_geometry(solver: RowSolver, problems: ProblemBatch) -> DirectionBatch:
+def solve_batch_in_geometry(solver: Solver, problems: ProblemBatch) -> DirectionBatch:
     """B problems, each as alone; what a compiled pass does is done together."""
     if callable(problems.metric):  # each in coordinates of its own
         return DirectionBatch.stack([solver.solve(problem) for problem in problems])
@@ -118,6 +91,7 @@ def solve_batch_in_geometry(solver: RowSolver, problems: ProblemBatch) -> Direct
     flat_batch = _stack([each.problem for each in flats]) if flats else problems
     if any(each.failure is not None for each in flats) or (problems.radius is not None and solver.tangent is None):
         return DirectionBatch.stack([solver.solve(problem) for problem in problems])
+    answers: DirectionBatch
     if problems.radius is None:
         answers = solver.solve_rows_batch(flat_batch)
     else:
@@ -135,7 +109,7 @@ def solve_batch_in_geometry(solver: RowSolver, problems: ProblemBatch) -> Direct
 
 def _stack(flats: list[DirectionProblem]) -> ProblemBatch:
     """As they are, without checks."""
-    g, J, b, E = (np.stack([getattr(each, name) for each in flats]) for name in _ARRAYS)
+    g, J, b, E = map(np.stack, zip(*(each.arrays() for each in flats), strict=True))
     return ProblemBatch.trusted(g, J, b, E, None if flats[0].radius is None else np.array([p.radius for p in flats]))
 
 

@@ -116,7 +116,7 @@ def _solve_part(solver: DirectionSolver, problems: ProblemBatch) -> DirectionBat
     return DirectionBatch.stack(answers)
 
 
-def refereed(
+def referee(
     problems: ProblemBatch | Sequence[DirectionProblem], answers: DirectionBatch, tolerance: float
 ) -> DirectionBatch:
     """The answers with every claim of OPTIMAL or INFEASIBLE that the referee rejects turned into UNCERTIFIED.

@@ -55,7 +55,7 @@ def call_clarabel(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     except Exception:  # it names no class of its own
         return BROKEN
     result = solver.solve()
-    return _answer(small, order, result.x, np.array(result.z), failure_named(result.status))
+    return _answer(small, order, result.x, np.array(result.z), failure_of(result.status))
 
 
 def call_scs(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
@@ -70,7 +70,7 @@ def call_scs(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
     info = result["info"]
     if info["status_val"] == _SCS_SIGINT:
         interrupt_main()
-    return _answer(small, order, result["x"], result["y"], failure_named(info["status"]), info["iter"])
+    return _answer(small, order, result["x"], result["y"], failure_of(info["status"]), info["iter"])
 
 
 def call_highs(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:
@@ -135,14 +135,14 @@ def answer_of(small: SmallProblem, solution: Any) -> SmallAnswer:
     info = extras.get("info")
     iterations = int(np.max(extras.get("iterations", extras.get("iter", getattr(info, "iter", 0)))))
     unsaid = "infeasible" if solution.x is None else "unknown"
-    failure = None if solution.found else failure_named(extras.get("status", getattr(info, "status", unsaid)))
+    failure = None if solution.found else failure_of(extras.get("status", getattr(info, "status", unsaid)))
     if solution.x is None:
         return SmallAnswer(None, None, iterations, failure)
     order = np.argsort(small.equality, kind="stable")
     return _answer(small, order, solution.x, np.concatenate((solution.z, solution.y)), failure, iterations)
 
 
-def failure_named(status: object) -> Status | None:
+def failure_of(status: object) -> Status | None:
     """A library's own status in our terms, e.g. PIQP_MAX_ITER_REACHED, MaxIterations, PrimalInfeasible, user_limit.
 
     None where it claims to have solved the problem.

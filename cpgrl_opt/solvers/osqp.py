@@ -15,7 +15,7 @@ from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, require_problem
 from .base import SmallSolver
 from .interrupts import run_alone
-from .library_calls import failure_named
+from .library_calls import failure_of
 from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 
@@ -124,7 +124,7 @@ def _run(workspace: Any) -> SmallAnswer:
     result = run_alone(partial(workspace.solve, raise_error=False))
     if result.info.status_val == SolverStatus.OSQP_SIGINT:
         interrupt_main()
-    failure, iterations = failure_named(result.info.status), int(result.info.iter)
+    failure, iterations = failure_of(result.info.status), int(result.info.iter)
     if result.x is None:
         return SmallAnswer(None, None, iterations, failure)
     return SmallAnswer(np.array(result.x, np.float64), -np.array(result.y), iterations, failure)

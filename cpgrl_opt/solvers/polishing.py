@@ -72,11 +72,10 @@ def nonnegative_weights(
     """argmin ‖columns μ − target‖ with μ ≥ 0 on I, free on E: dependent rows have many multipliers, few with signs."""
     from scipy.optimize import nnls
 
-    weights = np.zeros(columns.shape[1])
+    count = columns.shape[1]
     try:
         parts, _ = nnls(np.hstack([columns, -columns[:, equality]]), target)
     except RuntimeError:  # its iteration limit; the core's own multipliers stand
-        return weights
-    weights += parts[: columns.shape[1]]
-    weights[equality] -= parts[columns.shape[1] :]
-    return weights
+        return np.zeros(count)
+    parts[:count][equality] -= parts[count:]
+    return np.asarray(parts[:count])

@@ -194,5 +194,5 @@ def _solve_all(
     answers = []
     for k, (status, changes, *residuals) in enumerate(reports.T.tolist()):
         known = KKTResiduals(*residuals) if status == Status.OPTIMAL else None
-        answers.append(Direction.found(value[k], multipliers[k], Status(int(status)), int(changes), known, "rows"))
+        answers.append(Direction.make(value[k], multipliers[k], Status(int(status)), int(changes), known, "rows"))
     return answers

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..direction import Status
 from .base import SmallSolver
-from .library_calls import BROKEN, failure_named
+from .library_calls import BROKEN, failure_of
 from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 from .through_qpsolvers import BACK_ENDS
@@ -49,7 +49,7 @@ class CVXPY(SmallSolver):
         if iterations is None:
             require_packages(self)  # CLARABEL's too
             return BROKEN
-        failure = failure_named(statement.status)
+        failure = failure_of(statement.status)
         if x.value is None:
             return SmallAnswer(None, None, iterations, failure or Status.NUMERICAL_ERROR)
         multipliers = np.zeros(len(small.bound))

@@ -191,7 +191,7 @@ def _climb(core: Core, small: SmallProblem, most_steps: int) -> BallAnswer:
         face = small.equality | (mu > np.maximum(slack, 0.0))
         for each in (*climb_on_face(small, 1.0, face), (x, mu / t, 1.0 / t)):
             if best.error > _EXACT or each[2] == 0.0:
-                best = _better(best, _judged(small, *each))
+                best = _better(best, _judge(small, *each))
                 suggested = 1.0 / each[2] if each[2] > 0.0 and suggested != suggested else suggested
         if best.error <= _EXACT:
             break
@@ -220,7 +220,7 @@ def _next_step(low: float, high: float, suggested: float) -> float:
     return 0.5 * (low + high)
 
 
-def _judged(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> BallAnswer:
+def _judge(small: SmallProblem, x: Vector, mu: Multipliers, kappa: float) -> BallAnswer:
     """With the worst residual, as the referee has it in these units."""
     named = np.abs(small.bound[small.bound != 0.0])
     rest, size = kappa * x - small.center - mu @ small.rows, math.sqrt(x @ x)
@@ -250,7 +250,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
     flat = as_problem(replace(small, center=0.0 * small.center))
     empty = infeasible_direction(flat)
     if empty is not None and norm(empty.value) <= 1.0:
-        within = _climb(core, _relaxed(small, empty.value), _MOST_STEPS) if small.center.any() else None
+        within = _climb(core, _relax(small, empty.value), _MOST_STEPS) if small.center.any() else None
         point = empty.value if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
         return BallAnswer(point, empty.multipliers, 0.0, error=0.0, status=Status.INFEASIBLE)
     if empty is None and norm(project(flat, _EXACT).value) <= 1.0:
@@ -264,7 +264,7 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
     return BallAnswer(point, proof, 0.0, status=Status.INFEASIBLE)
 
 
-def _relaxed(small: SmallProblem, point: Vector) -> SmallProblem:
+def _relax(small: SmallProblem, point: Vector) -> SmallProblem:
     """C of the points that violate the rows as this one does: by just as much where it does."""
     reached = small.rows @ point
     size = max(norm(point), float(demand(small.bound, small.equality).max(initial=0.0))) or 1.0

@@ -10,7 +10,7 @@ from .base import Solver
 from .facts import supports, tolerance_of
 from .geometry import solve_in_geometry
 from .infeasibility import infeasible_direction
-from .interface import DirectionSolver, ask, refereed, solve_stacked, unsupported
+from .interface import DirectionSolver, ask, referee, solve_stacked, unsupported
 from .small_problem import SmallAnswer, SmallProblem, as_problem, as_small
 from .span import solve_in_span
 
@@ -51,7 +51,7 @@ class WithGeometry(Solver):
 
     def solve_rows_batch(self, problems: ProblemBatch) -> DirectionBatch:
         """The solver's own answers, judged."""
-        return refereed(problems, solve_stacked(self.solver, problems), self.tolerance)
+        return referee(problems, solve_stacked(self.solver, problems), self.tolerance)
 
     def solve_small(self, small: SmallProblem) -> SmallAnswer:
         """The solver's own answer to a small problem, as the ball's search asks."""

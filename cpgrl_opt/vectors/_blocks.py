@@ -166,7 +166,7 @@ def gramian_in_pairs(like: Any, where: Any, out: Any, out_low: Any) -> None:
 
 
 @plain
-def _chosen(weights: Any) -> Any:
+def _choose(weights: Any) -> Any:
     """Rows whose weight is not 0, and these weights; filled up to threes with weights of 0."""
     rows, chosen, count = np.zeros(len(weights) + 2, np.int64), np.zeros(len(weights) + 2), 0
     for i in range(len(weights)):
@@ -241,7 +241,7 @@ def combine(whole: Any, where: Any, weights: Any, more: Any, forces: Any, places
     """
     numbers, forced, rest = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
     buffer = np.empty((where.shape[1], _APART), whole.dtype)
-    chosen, chosen_forces = _chosen(weights), _chosen(forces)
+    chosen, chosen_forces = _choose(weights), _choose(forces)
     is_given, pairs, at = len(places) > 0, more.any(), whole.ctypes.data
     is_forced = not is_given and not pairs and (weights == forces).all()  # d is this sum itself: nothing is left of it
     for leaf in range(len(where)):

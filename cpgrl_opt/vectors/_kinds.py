@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ._operations import OperationVectors, has_operations
-from ._structure import leaves_of, mapped
+from ._structure import leaves_of, map_leaves
 from ._tensors import TensorVectors
 from ._torch import is_apart
 from ._trees import TreeVectors, is_tree
@@ -43,4 +43,4 @@ def channels_of(gradients: Any, count: int) -> Vectors | None:
         return None
     if not is_tree(gradients):
         return kind_of(gradients)
-    return kind_of(mapped(itemgetter(0), gradients), mapped(itemgetter(slice(1, None)), gradients))
+    return kind_of(map_leaves(itemgetter(0), gradients), map_leaves(itemgetter(slice(1, None)), gradients))

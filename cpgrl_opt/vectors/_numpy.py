@@ -53,11 +53,11 @@ class LeafVectors(Vectors):
         """(g's part (k,), J's part (m, k) or its rows apart) of each leaf, of one of DTYPES or BFLOAT16."""
         raise NotImplementedError
 
-    def rebuilt(self, parts: list[np.ndarray]) -> Any:
+    def rebuild(self, parts: list[np.ndarray]) -> Any:
         """The caller's kind of vector, of one array (k,) a leaf."""
         raise NotImplementedError
 
-    def taken_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:
+    def take_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:
         """The other way, contiguous; ValueError about `name` for what does not fit."""
         raise NotImplementedError
 
@@ -79,13 +79,13 @@ class LeafVectors(Vectors):
         """d as one array of float64."""
         if type(direction) is np.ndarray and direction.dtype == np.float64 and direction.shape == (self.shape[1],):
             return direction
-        return np.concatenate([*map(self.host, self.taken_apart(direction, name))], dtype=np.float64)
+        return np.concatenate([*map(self.host, self.take_apart(direction, name))], dtype=np.float64)
 
     def from_row(self, row: Vector) -> Any:
         """d of the caller's kind, rounded to its leaves' dtypes."""
         with np.errstate(over="ignore"):
             pairs = zip(self.split(row), self.leaves, strict=True)
-            return self.rebuilt([self.rounded(part, g) for part, (g, _) in pairs])
+            return self.rebuild([self.rounded(part, g) for part, (g, _) in pairs])
 
     def split(self, row: Vector) -> list[np.ndarray]:
         """By leaves."""
@@ -126,7 +126,7 @@ class LeafVectors(Vectors):
 
     def is_representable(self, direction: Any) -> bool:
         """Seen in each leaf."""
-        return all(is_finite(self.host(part)) for part in self.taken_apart(direction))
+        return all(is_finite(self.host(part)) for part in self.take_apart(direction))
 
     def is_zero(self, index: int) -> bool:
         """In one pass over that vector."""
@@ -155,11 +155,11 @@ class LeafVectors(Vectors):
             _blocks().combine[dtype].machine_code(whole, where, *weights, forces, _NO_PLACES, sums)
             for leaf, start, end in spans:
                 parts[leaf] = whole[start:end]
-        return self.rebuilt([*map(parts.__getitem__, range(len(parts)))]), sums
+        return self.rebuild([*map(parts.__getitem__, range(len(parts)))]), sums
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """In one pass."""
-        parts, sums, nothing = self.taken_apart(direction), np.zeros(1 + len(forces)), (_NO_WEIGHTS, _NO_WEIGHTS)
+        parts, sums, nothing = self.take_apart(direction), np.zeros(1 + len(forces)), (_NO_WEIGHTS, _NO_WEIGHTS)
         for dtype, spans, where in self._groups:
             places = np.empty((len(spans), 4), np.int64)
             for place, (leaf, _, _) in zip(places, spans, strict=True):
@@ -250,10 +250,10 @@ class ArrayVectors(LeafVectors):
         """It is d."""
         return row
 
-    def rebuilt(self, parts: list[np.ndarray]) -> Any:
+    def rebuild(self, parts: list[np.ndarray]) -> Any:
         """It is d."""
         return parts[0]
 
-    def taken_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:  # noqa: ARG002
+    def take_apart(self, direction: Any, name: str = "direction.value") -> list[np.ndarray]:  # noqa: ARG002
         """Of one leaf."""
         return [np.ascontiguousarray(direction)]

@@ -71,14 +71,14 @@ class OperationVectors(Vectors):
     def find_gramian(self) -> Float[np.ndarray, "channels channels"]:
         """The object's own; ValueError for what is no table of inner products."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            return _checked("gramian()", self.gradient.gramian())
+            return _check_gramian("gramian()", self.gradient.gramian())
 
     def gramian_in_pairs(self) -> Pair:
         """The object's own."""
         name, count = "gramian_in_pairs()", len(self.gramian())
         pair = real_values(name, self.gradient.gramian_in_pairs())
         require_shape(name, pair, (2, count, count))
-        return Pair(_checked(name, pair[0]), pair[1].copy())
+        return Pair(_check_gramian(name, pair[0]), pair[1].copy())
 
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """By the object, which then measures what it formed."""
@@ -88,14 +88,14 @@ class OperationVectors(Vectors):
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """By K of the vectors, d and r."""
-        rest = _lincomb(_extended(self.gradient, direction), np.append(-forces, 1.0))
+        rest = _lincomb(_extend(self.gradient, direction), np.append(-forces, 1.0))
         K = self._gramian_with(direction, rest)
         return np.concatenate([[K[-1, -1]], K[-2, 1:-1]])
 
     def _gramian_with(self, *vectors: Any) -> np.ndarray:
         """K of the vectors and these."""
         count = len(self.gramian()) + len(vectors)
-        return _checked("gramian() of what extended() returns", _extended(self.gradient, *vectors).gramian(), count)
+        return _check_gramian("gramian() of what extended() returns", _extend(self.gradient, *vectors).gramian(), count)
 
 
 def _lincomb(given: Any, *weights: np.ndarray) -> Any:
@@ -104,7 +104,7 @@ def _lincomb(given: Any, *weights: np.ndarray) -> Any:
     return _ask(given, name, f"{len(weights[0])} weights", *weights)
 
 
-def _extended(given: Any, *vectors: Any) -> Any:
+def _extend(given: Any, *vectors: Any) -> Any:
     """The object with vectors behind its own."""
     more = _ask(given, "extended", "what lincomb() returns", *vectors)
     if not has_operations(more):
@@ -124,7 +124,7 @@ def _ask(given: Any, name: str, what: str, *arguments: Any) -> Any:
     return found
 
 
-def _checked(name: str, gramian: Any, count: int | None = None) -> np.ndarray:
+def _check_gramian(name: str, gramian: Any, count: int | None = None) -> np.ndarray:
     """K of so many vectors, symmetric but for rounding."""
     K = real_values(name, gramian).copy()
     require_shape(name, K, (count or (len(K) if K.ndim else 1),) * 2)

@@ -164,8 +164,8 @@ class Sharded(Vectors):
             said = np.array(self._gather(message))
             failed = np.flatnonzero(said[:, 0])
             if failed.size:
-                texts = self._gather(_encoded(str(failure)))
-                told = "; ".join(f"rank {k}: {_decoded(texts[k])}" for k in failed.tolist())
+                texts = self._gather(_encode(str(failure)))
+                told = "; ".join(f"rank {k}: {_decode(texts[k])}" for k in failed.tolist())
                 raise failure or ValueError(f"all ranks should bring what is asked of them; found on {told}")
         except Exception as error:
             self._known = error
@@ -183,12 +183,12 @@ def _part_of(gradient: Any, jacobian: Any) -> Vectors:
     return ArrayVectors(g, J)
 
 
-def _encoded(text: str) -> np.ndarray:
+def _encode(text: str) -> np.ndarray:
     """A text as so many numbers, which all ways of gathering know."""
     return np.frombuffer(text.encode()[:_TEXT].ljust(_TEXT), np.uint8).astype(np.float64)
 
 
-def _decoded(numbers: np.ndarray) -> str:
+def _decode(numbers: np.ndarray) -> str:
     return bytes(np.asarray(numbers).astype(np.uint8)).decode(errors="ignore").rstrip()
 
 

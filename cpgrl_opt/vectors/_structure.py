@@ -27,12 +27,12 @@ def leaves_of(tree: Any, like: Any) -> list[Any]:
     return [leaf for key, part in zip(keys, parts, strict=True) for leaf in leaves_of(part, like[key])]
 
 
-def mapped(change: Callable[[Any], Any], tree: Any) -> Any:
+def map_leaves(change: Callable[[Any], Any], tree: Any) -> Any:
     """The tree of changed leaves; named tuples stay what they are."""
     if not isinstance(tree, NODES):
         return change(tree)
     values = tree.values() if isinstance(tree, dict) else tree
-    parts = [*map(partial(mapped, change) if _has_nodes(values) else change, values)]
+    parts = [*map(partial(map_leaves, change) if _has_nodes(values) else change, values)]
     if isinstance(tree, dict):
         return dict(zip(tree, parts, strict=True))
     if isinstance(tree, list):

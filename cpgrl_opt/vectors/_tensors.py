@@ -14,10 +14,10 @@ from .interface import Sums
 class TensorVectors(TreeVectors):
     """Tensors where they lie; all sums are of float64, of blocks. On the CPU `TreeVectors` is faster."""
 
-    def looked_at(self, leaf: Any) -> Any:
+    def look_at(self, leaf: Any) -> Any:
         """The tensor without its graph; None for another dtype."""
         if not _torch.is_tensor(leaf):
-            return super().looked_at(leaf)
+            return super().look_at(leaf)
         tensor = _torch.detach(leaf)
         return tensor if _torch.is_float(tensor) else None
 
@@ -29,7 +29,7 @@ class TensorVectors(TreeVectors):
         """On the device."""
         return _torch.rounded(part, like)
 
-    def placed(self, part: Any, like: Any) -> Any:
+    def place(self, part: Any, like: Any) -> Any:
         """On the device."""
         return part if _torch.is_tensor(part) else _torch.as_tensor(np.asarray(self.host(part), np.float64), like)
 
@@ -50,9 +50,9 @@ class TensorVectors(TreeVectors):
     def form(self, weights: Pair, forces: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
         """In one pass."""
         parts, sums = zip(*(_torch.combine(weights, forces, g, J) for g, J in self.leaves), strict=True)
-        return self.rebuilt([*parts]), np.asarray(sum(sums).cpu().numpy())
+        return self.rebuild([*parts]), np.asarray(sum(sums).cpu().numpy())
 
     def measure(self, direction: Any, forces: Float[np.ndarray, "channels"]) -> Sums:
         """In one pass."""
-        pairs = zip(self.taken_apart(direction), self.leaves, strict=True)
+        pairs = zip(self.take_apart(direction), self.leaves, strict=True)
         return np.asarray(sum(_torch.measure(d, forces, g, J) for d, (g, J) in pairs).cpu().numpy())

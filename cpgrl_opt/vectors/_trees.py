@@ -16,7 +16,7 @@ import numpy as np
 
 from . import _jax, _torch
 from ._numpy import BFLOAT16, DTYPES, Group, Leaf, LeafVectors, addresses
-from ._structure import NODES, leaves_of, mapped, names_of, structure_of
+from ._structure import NODES, leaves_of, map_leaves, names_of, structure_of
 
 _WIDE = 8  # bytes of a float64, in either order
 _FORM = attrgetter("dtype", "shape")
@@ -56,7 +56,7 @@ class TreeVectors(LeafVectors):
         if not isinstance(self.jacobian, list | tuple):
             raise ValueError(
                 "jacobian should be a list of rows with the structure of gradient, or have it, with the constraints as "
-                f"first axis of every leaf; found {_described(self.jacobian)}"
+                f"first axis of every leaf; found {_describe(self.jacobian)}"
             )
         return [own, *(self._in_order(row, f"jacobian[{i}]") for i, row in enumerate(self.jacobian))]
 
@@ -89,9 +89,9 @@ class TreeVectors(LeafVectors):
         """
         found, axes = [], int(name == "jacobian")
         for k, (leaf, like) in enumerate(zip(leaves, self._given[0], strict=True)):
-            array, shape = self.looked_at(leaf), tuple(getattr(like, "shape", ()))
+            array, shape = self.look_at(leaf), tuple(getattr(like, "shape", ()))
             if array is None:
-                self._refuse(name, k, "be an array of float64, float32 or bfloat16", _described(leaf))
+                self._refuse(name, k, "be an array of float64, float32 or bfloat16", _describe(leaf))
             if tuple(array.shape[axes:]) != shape:
                 wanted = f"(m, {', '.join(map(str, shape))})" if axes else shape
                 self._refuse(name, k, f"have shape {wanted}", tuple(array.shape))
@@ -107,7 +107,7 @@ class TreeVectors(LeafVectors):
     def _refuse(self, name: str, k: int, wanted: str, found: Any) -> None:
         raise ValueError(f"{names_of(self.gradient, name)[k]} should {wanted}; found {found}")
 
-    def looked_at(self, leaf: Any) -> Any:
+    def look_at(self, leaf: Any) -> Any:
         """The array that a leaf is, without a copy, of bfloat16 its bits; None for what is no array of floats."""
         if _torch.is_tensor(leaf):
             return _torch.as_array(leaf) if _torch.is_float(leaf) else None
@@ -165,21 +165,21 @@ class TreeVectors(LeafVectors):
     def channels(self) -> list[Any]:
         """g and J's rows, each in the form of g."""
         if self._is_stacked:
-            return [self.gradient, *(mapped(itemgetter(i), self.jacobian) for i in range(self.shape[0]))]
+            return [self.gradient, *(map_leaves(itemgetter(i), self.jacobian) for i in range(self.shape[0]))]
         return [self.gradient, *self.jacobian]
 
-    def rebuilt(self, parts: list[Any]) -> Any:
+    def rebuild(self, parts: list[Any]) -> Any:
         """In g's structure, shapes and kind."""
         own = self._given[0]
         back = _torch.as_tensor if _torch.is_tensor(own[0]) else _jax.as_jax if _jax.is_jax(own[0]) else _as_array
         left = map(back, parts, own)
-        return mapped(lambda _: next(left), self.gradient)
+        return map_leaves(lambda _: next(left), self.gradient)
 
-    def unrounded(self, row: np.ndarray) -> Any:
+    def in_float64(self, row: np.ndarray) -> Any:
         """A vector in the form of g, of float64 whatever the leaves are."""
-        return self.rebuilt(self.split(row))
+        return self.rebuild(self.split(row))
 
-    def taken_apart(self, direction: Any, name: str = "direction.value") -> list[Any]:
+    def take_apart(self, direction: Any, name: str = "direction.value") -> list[Any]:
         """Flat; ValueError for another structure or other shapes than g's. All in one array is all right too."""
         if type(direction) is np.ndarray and direction.ndim == 1 and direction.dtype == np.float64:
             if len(direction) != self.shape[1]:
@@ -187,9 +187,9 @@ class TreeVectors(LeafVectors):
             parts: list[Any] = self.split(direction)
         else:
             parts = self._flat(name, self._in_order(direction, name), is_row=False)
-        return [self.placed(part, g) for part, (g, _) in zip(parts, self.leaves, strict=True)]
+        return [self.place(part, g) for part, (g, _) in zip(parts, self.leaves, strict=True)]
 
-    def placed(self, part: Any, like: Any) -> Any:
+    def place(self, part: Any, like: Any) -> Any:
         """Contiguous, of the dtype of g's part or else of float64."""
         return np.ascontiguousarray(part if part.dtype == like.dtype else np.asarray(self.host(part), np.float64))
 
@@ -216,7 +216,7 @@ def _is_array(value: Any) -> bool:
     return isinstance(value, np.ndarray) or _torch.is_tensor(value) or _jax.is_jax(value)
 
 
-def _described(leaf: Any) -> str:
+def _describe(leaf: Any) -> str:
     if hasattr(leaf, "dtype"):
         return f"{type(leaf).__name__} of {leaf.dtype}, shape {tuple(leaf.shape)}"
     return f"{structure_of(leaf)}" if isinstance(leaf, NODES) else repr(leaf)

@@ -32,10 +32,10 @@ class Leaves(LeafVectors):
 
     leaves: Any = ()
 
-    def rebuilt(self, parts: list[np.ndarray]) -> list[np.ndarray]:
+    def rebuild(self, parts: list[np.ndarray]) -> list[np.ndarray]:
         return parts
 
-    def taken_apart(self, direction: list[np.ndarray], name: str = "") -> list[np.ndarray]:  # noqa: ARG002
+    def take_apart(self, direction: list[np.ndarray], name: str = "") -> list[np.ndarray]:  # noqa: ARG002
         return direction
 
 

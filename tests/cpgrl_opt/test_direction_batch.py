@@ -46,7 +46,7 @@ def test_long_batches_say_which_rung_answered() -> None:
     batch = SOLVERS["active-set"].solve_batch(batch_of(np.random.default_rng(3), 2, 2, 60_000))  # type: ignore[attr-defined]
     assert [each.rung for each in batch] == ["gramian", "gramian"]
     assert all(each.residuals is not None for each in batch)
-    assert [each.rung for each in batch.protected()] == ["gramian", "gramian"]
+    assert [each.rung for each in batch.protect()] == ["gramian", "gramian"]
 
 
 def test_replaced_directions_bring_their_own() -> None:

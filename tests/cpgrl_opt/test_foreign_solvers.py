@@ -23,7 +23,7 @@ from cpgrl_opt.comparison import worker
 from cpgrl_opt.comparison.contestants import Contestant
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.comparison.replay import replay
-from cpgrl_opt.solvers import refereed, solve_batch
+from cpgrl_opt.solvers import referee, solve_batch
 
 FORMULATIONS = ["equality", "cone", "restoring"]
 # With rates 1 the step is [1, 0.1]: the row [0, 10] asks for 10 d₂ ≥ 1. On a unit row it would ask for d₂ ≥ 1.
@@ -102,7 +102,7 @@ def test_what_such_a_solver_claims_is_rejected_wherever_it_is_asked(kind):
     answer = WithGeometry(solver).solve(PROBLEM)
     assert answer.status != Status.OPTIMAL or kkt_residuals(PROBLEM, answer).worst <= 1e-6
     batch = ProblemBatch([[1.0, 0.0]], [[[0.0, 10.0]]], [[1.0]], [[False]])
-    assert refereed(batch, solve_batch(solver, batch), 1e-6).status.tolist() == [Status.UNCERTIFIED]
+    assert referee(batch, solve_batch(solver, batch), 1e-6).status.tolist() == [Status.UNCERTIFIED]
     np.testing.assert_array_equal(batch.jacobian, [[[0.0, 10.0]]])
 
 
@@ -273,7 +273,7 @@ def test_answers_to_other_problems_are_no_answers_to_these():
     batch = ProblemBatch([[1.0, 0.0]], [[[0.0, 10.0]]], [[1.0]], [[False]])
     answers = DirectionBatch.stack([Direction(np.zeros(2), np.zeros(1), Status.OPTIMAL)] * 2)
     with pytest.raises(ValueError, match="answers should be one for each of 1 problems; found 2"):
-        refereed(batch, answers, 1e-6)
+        referee(batch, answers, 1e-6)
 
 
 @pytest.mark.parametrize("said", [None, 1, "yes", np.array([True, False])])

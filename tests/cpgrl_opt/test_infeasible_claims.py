@@ -19,7 +19,7 @@ from cpgrl_opt import (
 from cpgrl_opt.certify import excess_violation
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.comparison.judgement import judge
-from cpgrl_opt.solvers import refereed
+from cpgrl_opt.solvers import referee
 from cpgrl_opt.testing import LawBroken, check_claims_are_certified, check_least_violation
 
 # Both constraints ask for more of d₂, in opposite directions: no direction serves both.
@@ -82,7 +82,7 @@ def test_what_the_kit_accepts_the_step_accepts() -> None:
                 scale = float(np.abs(problem.gradient).max())
                 solver = Foreign(tuple(size * scale * rng.standard_normal(problem.n)), impurity=1e3 * size)
                 kit = all(_holds(law, solver, problem) for law in (check_claims_are_certified, check_least_violation))
-                answer = refereed([problem], DirectionBatch.stack([solver.solve(problem)]), 1e-6)
+                answer = referee([problem], DirectionBatch.stack([solver.solve(problem)]), 1e-6)
                 stands = answer.status[0] == Status.INFEASIBLE
                 assert stands or not kit, (name, number, size)
                 outcomes.add((kit, stands))
@@ -143,4 +143,4 @@ def test_rows_that_nearly_oppose_are_met_far_away_and_not_infeasible(angle, leng
     scale = np.sqrt(np.broadcast_to(geometry.get("metric", 1.0), 2))
     problem = DirectionProblem([0.0, 0.0], np.array([[1.0, angle], [-1.0, angle]]) * scale, 1.0, **geometry)
     claim = Direction(np.array([0.0, length / angle]) / scale, np.ones(2), Status.INFEASIBLE)
-    assert refereed([problem], DirectionBatch.stack([claim]), tolerance).status[0] == Status.UNCERTIFIED
+    assert referee([problem], DirectionBatch.stack([claim]), tolerance).status[0] == Status.UNCERTIFIED

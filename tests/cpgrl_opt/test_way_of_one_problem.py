@@ -39,7 +39,7 @@ def test_a_plain_solve_passes_four_functions() -> None:
     rng, solver = np.random.default_rng(0), SOLVERS["active-set"]
     problem = DirectionProblem(rng.normal(size=9), rng.normal(size=(3, 9)))
     solver.solve(problem)
-    assert functions_passed(lambda: solver.solve(problem)) == ["solve", "solve_rows", "project", "found"]
+    assert functions_passed(lambda: solver.solve(problem)) == ["solve", "solve_rows", "project", "make"]
 
 
 FULL = np.random.default_rng(1).normal(size=(9, 9))
