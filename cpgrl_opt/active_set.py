@@ -34,11 +34,7 @@ def violated(
 
 
 def hysteresis(
-    slack: ArrayLike,
-    previous: ArrayLike | None = None,
-    *,
-    enter: Number = 0.0,
-    leave: Number = 0.01,
+    slack: ArrayLike, previous: ArrayLike | None = None, *, enter: Number = 0.0, leave: Number = 0.01
 ) -> Bool[np.ndarray, "*runs m"]:
     """𝒜 = {i : slackᵢ ≤ enter} ∪ {i ∈ 𝒜_previous : slackᵢ ≤ leave}: noise about the threshold does not toggle it."""
     for name, value in (("enter", enter), ("leave", leave)):

@@ -23,7 +23,7 @@ from .solvers.ball_violation import SoftRows
 # κ of the proximal steps: each leaves κ/(κ + σ²) of an error along rows with the singular value σ. With 1e-4 rows at
 # 0.01 rad take ten times as long; with 1e-10 the soft rows lie 1e-5 rad apart, and v loses a digit or two.
 _WEIGHT = 1e-7
-_MOST_STEPS = 100
+_MOST_STEPS = 100  # of a linear rate, see _WEIGHT: a few where rows are well apart
 _STAYS = 1e-13  # change of v, in units of the largest b̂_V, that is rounding
 # S missed by less than this, in units of the longer of d and b̂_V, is met: what least violation of all leaves of a row
 # that it does not violate.

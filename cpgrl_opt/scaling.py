@@ -7,7 +7,8 @@ import numpy as np
 
 from .arrays import Float, Jacobian, Mask, Multipliers
 
-# Squares of these neither over- nor underflow, nor lose digits as subnormal numbers.
+# Squares that neither over- nor underflow, nor lose digits as subnormal numbers where 1e28 of them are added up; and
+# the lengths of which they are. What lies beyond is divided by its largest entry first, which costs time and no digit.
 _SAFE_SQUARES = (1e-280, 1e280)
 _SAFE_LENGTHS = (1e-140, 1e140)
 

@@ -21,6 +21,8 @@ from ..problem import DirectionProblem
 from ..scaling import demand, norm
 from .exact_core import project
 
+# Worst residual of a soft problem, of which the search looks at ‖x‖ alone: a decade up or down moved no bit of 504
+# answers in balls.
 _CERTIFIED = 1e-9
 # A ball is in the way where x of this κ is longer than its radius. With 1e-7 rows that are 1e-6 rad from opposing, and
 # met far away, are taken for met nowhere, and x stops short of the sphere; with 1e-15 soft rows lie 4e-8 rad apart.

@@ -27,4 +27,4 @@ def solve_by_gramian(problem: DirectionProblem, vectors: Any, tolerance: float) 
     if not max(parts) <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
         return None
     residuals = tuple.__new__(KKTResiduals, parts)  # as in `exact_core`
-    return Direction.make(value, weights[1:].copy(), Status.OPTIMAL, changes, residuals, "gramian")
+    return Direction.make(value, weights[1:], Status.OPTIMAL, changes, residuals, "gramian")

@@ -20,7 +20,7 @@ from .small_problem import SmallAnswer, SmallProblem
 
 # ‖z‖ beyond which r loses its digits; h is divided by the size found and the problem solved anew.
 _LARGE = 10.0
-_RESCALINGS = 4
+_RESCALINGS = 4  # units of 1, 1e4, 1e8 and 1e12 are tried
 _Found = tuple[np.ndarray, np.ndarray]  # z, μ
 _EMPTY = SmallAnswer(None, None, failure=Status.INFEASIBLE)  # to be proven
 

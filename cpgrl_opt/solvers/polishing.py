@@ -18,7 +18,7 @@ from .small_problem import SmallProblem
 
 # A row this near to its bound, in units of max(‖g‖, ‖d‖), is in the face or not: no core is surer than that.
 _NEARLY_TIGHT = 1e-6
-_MOST_FACES = 4
+_MOST_FACES = 4  # each is a factorization
 
 
 def polish(

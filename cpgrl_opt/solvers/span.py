@@ -27,10 +27,7 @@ _CANCELLED = 1e-13
 
 
 def solve_in_span(
-    solve: Callable[[DirectionProblem], Direction],
-    problem: DirectionProblem,
-    tolerance: float,
-    is_exact: bool = False,
+    solve: Callable[[DirectionProblem], Direction], problem: DirectionProblem, tolerance: float, is_exact: bool = False
 ) -> Direction:
     """The problem in coordinates, by `solve`; mapped back, and certified at the tolerance. M = I.
 

@@ -1,8 +1,13 @@
-"""The gradients of a problem, seen through inner products and combinations only.
+"""Kinds of vectors: the gradients of a problem, seen through inner products and combinations only.
 
-`interface` says what a kind of vectors offers; one file per kind: `_numpy` for arrays, `_trees` for trees of arrays,
-tensors and arrays of float32; `_operations` for objects of the caller's own kind; `_sharded` for parts of vectors in
-several processes.
+interface        what every kind offers, and what follows from it
+_kinds           which kind somebody's objects are
+_numpy           arrays of float64; what all leaves in this process's memory have in common
+_trees           trees of arrays, tensors and arrays of float32; _structure: their lists, tuples and dicts
+_tensors         trees of tensors on a device; _torch and _jax know these libraries, and import neither
+_operations      objects of the caller's own kind
+_sharded         parts of vectors in several processes
+_blocks          compiled passes over leaves, block by block; _block_sums: the sums of one; _bfloat16: its numbers
 """
 
 from ._kinds import channels_of as channels_of

@@ -33,7 +33,7 @@ _LANES = 256  # sums in pairs run side by side in so many lanes, so that the pro
 # Rows that are gathered begin an odd number of cache lines apart: with a power of two all compete for the same lines of
 # the first-level cache, and 31 rows take four times as long.
 _APART = _BLOCK + 8
-_COLUMNS = 16
+_COLUMNS = 16  # gathered at a time: two cache lines of float64 of each row, if columns are neighbours
 MANY = 32  # arrays whose addresses are asked for at a time
 # Of bfloat16 the bits.
 _DTYPES = {np.dtype(np.float64): "f8", np.dtype(np.float32): "f4", np.dtype(np.uint16): "u2"}

@@ -14,7 +14,7 @@ from ._workspace import allocate
 OPTIMAL, INFEASIBLE, UNCERTIFIED, ITERATION_LIMIT, NUMERICAL_ERROR, UNSUPPORTED = range(6)
 # The referee's own rows are rounded: it may see this times Σ|μ̂| more in the stationarity than there is.
 MARGIN = 2 * at.EPS
-ALLOWED = 1e-5
+ALLOWED = 1e-5  # the referee's, see `certify`
 
 
 @kernel

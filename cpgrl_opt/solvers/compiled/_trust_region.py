@@ -19,7 +19,7 @@ from ._exchange import find_active_set, solve
 from ._workspace import numbers
 
 SHARP = 1e-13  # the worst residual, relative as the referee's, that an answer may have
-MOST_TURNS = 12
+MOST_TURNS = 12  # of κ and 𝒜 until they agree; what takes more is for `trust_region`
 NEGLIGIBLE = 1e-6  # ‖p‖/‖g‖ below it is left to those who tell it from rounding
 
 Q, P, REST = numbers(3)  # rows of vectors: q, p, the rest
