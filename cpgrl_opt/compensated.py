@@ -69,10 +69,10 @@ class Pair(NamedTuple):
             half, is_odd = hi.shape[1] // 2, hi.shape[1] % 2
             rest_hi, rest_lo = hi[:, 2 * half :], lo[:, 2 * half :]
             total, error = two_sum(hi[:, :half], hi[:, half : 2 * half])
-            error = error + lo[:, :half] + lo[:, half : 2 * half]
+            error += lo[:, :half] + lo[:, half : 2 * half]
             hi = np.concatenate([total, rest_hi], axis=1) if is_odd else total
             lo = np.concatenate([error, rest_lo], axis=1) if is_odd else error
-        return _normalise(hi.sum(axis=1), lo.sum(axis=1))  # of one number a row, or none
+        return _normalise(hi[:, 0], lo[:, 0])
 
     def rounded(self) -> Float[np.ndarray, "*k"]:
         """hi + lo."""
@@ -106,7 +106,23 @@ def two_product(a: Any, b: Any) -> Any:
 
 def products(rows: Float[np.ndarray, "k n"], vector: Float[np.ndarray, "n"]) -> Pair:
     """Each row times the vector, (k,); summed in pairs, two halves of each row at a time."""
-    return Pair(*two_product(rows, vector)).sums()
+    # Spelt out: the referee asks for it four times of each answer in a full metric.
+    scaled, hi = _HALVES * rows, rows * vector
+    high, other = scaled - (scaled - rows), _HALVES * vector
+    other = other - (other - vector)
+    low, rest = rows - high, vector - other
+    lo = low * rest - (((hi - high * other) - low * other) - high * rest)
+    while (width := hi.shape[1]) > 1:
+        half = width // 2
+        a, b = hi[:, :half], hi[:, half : 2 * half]
+        total = a + b
+        part = total - a
+        error = (a - (total - part)) + (b - part) + lo[:, :half] + lo[:, half : 2 * half]
+        hi = np.concatenate([total, hi[:, 2 * half :]], axis=1) if width % 2 else total
+        lo = np.concatenate([error, lo[:, 2 * half :]], axis=1) if width % 2 else error
+    hi, lo = hi.sum(axis=1), lo.sum(axis=1)  # of one number a row, or none
+    total = hi + lo
+    return Pair(total, lo - (total - hi))
 
 
 def _normalise(hi: Float[np.ndarray, "*k"], lo: Float[np.ndarray, "*k"]) -> Pair:
