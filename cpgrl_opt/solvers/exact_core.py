@@ -72,11 +72,12 @@ def climb_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = Fal
 
 def _run_stacked(kernel: EntryPoint, problems: ProblemBatch, reports: int, *settings: Any, tangent: bool) -> Any:
     """d (B, n), μ (B, m) and the reports (reports, B) of a kernel for B problems."""
-    (count, m, n), (g, J, b, E) = problems.jacobian.shape, problems.arrays()
-    found = np.zeros((count, n)), np.zeros((count, m)), np.empty((reports, count))
-    given = g.reshape(-1), J.reshape(-1, n), b.reshape(-1), E.reshape(-1)
-    kernel.run(tangent, *given, *settings, *(each.reshape(-1) for each in found))
-    return found
+    count, m, n = problems.jacobian.shape
+    value, multipliers, report = np.zeros((count, n)), np.zeros((count, m)), np.empty((reports, count))
+    g, b, E = problems.gradient.reshape(-1), problems.bound.reshape(-1), problems.equality.reshape(-1)
+    found = value.reshape(-1), multipliers.reshape(-1), report.reshape(-1)
+    kernel.run(tangent, g, problems.jacobian.reshape(-1, n), b, E, *settings, *found)
+    return value, multipliers, report
 
 
 def compile_kernels(*, thorough: bool = True) -> None:
