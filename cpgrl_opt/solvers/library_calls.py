@@ -6,22 +6,42 @@ Warnings and standard output belong to the process. To switch them off for one c
 them changed, for the other threads. So each library is asked in a way in which it has nothing to say.
 """
 
+import os
 import re
 from _thread import interrupt_main
 from collections.abc import Callable
 from functools import partial
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Bool, Int
 from ..direction import Status
-from .interrupts import run_alone
 from .small_problem import SmallAnswer, SmallProblem
 
 _SCS_SIGINT = -5
 _Order = Int[np.ndarray, "p"]
 BROKEN = SmallAnswer(None, None, failure=Status.NUMERICAL_ERROR)  # the library gave up without an answer
+# OSQP and SCS replace the handler of SIGINT while they run, and afterwards put back what they found. Two of them at
+# once may find each other's handler: then Ctrl-C does nothing for the rest of the process.
+_one_at_a_time = Lock()
+
+
+def run_alone(run: Callable[[], Any]) -> Any:
+    """`run()`, one call at a time in this process. A Ctrl-C that the library caught is for the caller to pass on."""
+    with _one_at_a_time:
+        return run()
+
+
+def _renew_lock() -> None:
+    """A child that is forked while another thread solves would wait for that thread for ever."""
+    global _one_at_a_time
+    _one_at_a_time = Lock()
+
+
+if hasattr(os, "register_at_fork"):  # there is no fork on Windows
+    os.register_at_fork(after_in_child=_renew_lock)
 
 
 def call_quadprog(options: dict[str, Any], small: SmallProblem) -> SmallAnswer:

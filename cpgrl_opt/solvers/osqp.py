@@ -14,8 +14,7 @@ import numpy as np
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, require_problem
 from .base import SmallSolver
-from .interrupts import run_alone
-from .library_calls import failure_of
+from .library_calls import failure_of, run_alone
 from .packages import require_packages
 from .small_problem import SmallAnswer, SmallProblem
 

@@ -1,7 +1,8 @@
 """Long vectors: a problem of many parameters solved in the 1 + m coordinates of its own gradients, by any solver.
 
-Each rung of `reduction` is tried in turn, and what it gives is judged on the vectors themselves. What no rung answers
-is solved on the rows as they are.
+The usual problem takes few calls: μ from the Gramian, one pass that combines the vectors, and its judgement. Else each
+rung of `reduction` is tried in turn, and what it gives is judged on the vectors themselves. What no rung answers is
+solved on the rows as they are.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,12 +14,12 @@ import numpy as np
 from ..arrays import Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
-from ..direction import Direction, Status
+from ..direction import Direction, KKTResiduals, Status
 from ..problem import DirectionProblem, convert_answer, nothing
-from ..reduction import EXACT, RUNGS, Coordinates, coordinates
+from ..reduction import EXACT, GATES, OUT_OF_SPAN, RUNGS, Coordinates, coordinates
 from ..scaling import lengths
-from ..vectors import REPRESENTABLE, is_long
-from .gramian_core import solve_by_gramian
+from ..vectors import REPRESENTABLE, Vectors, is_long
+from .compiled._gramian_core import judge, weigh
 
 _SETTLED = (Status.INFEASIBLE, Status.UNSUPPORTED)  # no better rung says otherwise
 # What may be left of what depends, where K in float64 has to tell (see `reduction`): as little as in pairs. With 1e-9
@@ -48,6 +49,25 @@ def solve_in_span(
     g, J = np.ascontiguousarray(problem.gradient), np.ascontiguousarray(problem.jacobian)
     whole = DirectionProblem.trusted(g, J, problem.bound, problem.equality, problem.radius)
     return convert_answer(problem, solve(whole), rung="rows")
+
+
+def solve_by_gramian(problem: DirectionProblem, vectors: Vectors, tolerance: float) -> Direction | None:
+    """The certified direction; None where the problem is not usual. M = I, no radius.
+
+    What is usual: the gates of rung "gramian" are open, the direct pass finds the active set, and the certificate is
+    within 1e-12. `coordinates` sees the same Gramian and takes the same gates.
+    """
+    K, m = vectors.gramian(), len(problem.bound)
+    work, index, weights = np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
+    changes = weigh.run(K, problem.bound, problem.equality, *GATES, work, index, weights)
+    if changes < 0:
+        return None
+    value, sums = vectors.combine_usually(weights)
+    parts = judge.run(K, problem.equality, OUT_OF_SPAN, work, index, sums)
+    if not max(parts) <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
+        return None
+    residuals = tuple.__new__(KKTResiduals, parts)  # as in `exact_core`
+    return Direction.make(value, weights[1:], Status.OPTIMAL, changes, residuals, "gramian")
 
 
 def _solve_by_rungs(

@@ -12,7 +12,7 @@ from cpgrl_opt.comparison.families import FAMILIES as RECORDED
 from cpgrl_opt.problem import ProblemBatch
 from cpgrl_opt.scaling import lengths
 from cpgrl_opt.solvers import is_usable, span, supports
-from cpgrl_opt.solvers.gramian_core import solve_by_gramian
+from cpgrl_opt.solvers.span import solve_by_gramian
 from cpgrl_opt.testing.strategies import HOSTILE, WELL_POSED, problems_of
 from cpgrl_opt.vectors import is_long
 
