@@ -101,7 +101,8 @@ class DirectionProblem(Arrays):
             long = type(jacobian) is not np.ndarray and is_long(*J.shape)
             vars(self).update(gradient=g, jacobian=J, bound=b, equality=E, is_long=long)
         else:
-            metric = vectors.agree(self._look_at, vectors, bound, equality, metric, radius)[-1]
+            given, is_array = (vectors, bound, equality, metric, radius), isinstance(vectors, ArrayVectors)
+            metric = (self._look_at(*given) if is_array else vectors.agree(self._look_at, *given))[-1]
         if metric is not None:
             self.set_metric(*check_metric(metric, self.n, metric_tolerance, metric_iterations))
         if radius is not None:

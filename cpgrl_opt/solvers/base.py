@@ -48,8 +48,10 @@ class Solver(CheckedSettings):
             if problem.metric is not None or problem.radius is not None:
                 return solve_in_geometry(self, problem)
             if problem.is_long:
-                is_exact, work = self.tangent is False, problem.vectors.attempt
-                return work(solve_in_span, self.solve_rows, problem, self.tolerance, is_exact)  # type: ignore[no-any-return]
+                given = self.solve_rows, problem, self.tolerance, self.tangent is False
+                if problem.is_tree:  # maybe of several processes
+                    return problem.vectors.attempt(solve_in_span, *given)  # type: ignore[no-any-return]
+                return solve_in_span(*given)
             return self.solve_rows(problem)
         except Exception:
             require_packages(self)  # whose import may be what raised

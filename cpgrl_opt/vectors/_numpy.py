@@ -232,7 +232,8 @@ class ArrayVectors(LeafVectors):
 
     def require_finite(self) -> None:
         """Seen in K, but where squares overflow."""
-        if not math.isfinite(sum(self.gramian().diagonal().tolist())):
+        K = vars(self)["_gramian"] = self.find_gramian()
+        if not math.isfinite(sum(K.diagonal().tolist())):
             super().require_finite()
 
     def combine_usually(self, weights: Float[np.ndarray, "channels"]) -> tuple[Any, Sums]:
