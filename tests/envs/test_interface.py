@@ -64,9 +64,7 @@ def test_kernel_arrays_are_fresh_writeable_and_contiguous():
     ("cumulative", "rewards", "start", "message"),
     [
         (np.ones((2, 2)), np.zeros((1, 2, 2)), 0, "transition_cumulative should have shape"),
-        (np.full((2, 1, 2), 0.5), np.zeros((1, 2, 1)), 0, "should rise from ≥ 0 to 1"),
         ([[[1.0, 0.5, 1.0]]] * 3, np.zeros((1, 3, 1)), 0, "should rise from ≥ 0 to 1"),
-        ([[[-0.5, 1.0]]] * 2, np.zeros((1, 2, 1)), 0, "should rise from ≥ 0 to 1"),
         (np.ones((2, 1, 2)), np.zeros((1, 1, 2)), 0, "rewards should have shape"),
         (np.ones((2, 1, 2)), np.zeros((1, 2, 1)), 2, "start should be in 0 … 1"),
     ],
@@ -189,9 +187,6 @@ def test_environments_are_told_apart_by_what_they_offer():
     ("change", "message"),
     [
         ({"state_size": 0}, "state_size should be an integer ≥ 1"),
-        ({"reward_channels": 1.5}, "reward_channels should be an integer ≥ 1"),
-        ({"max_steps": -1}, "max_steps should be an integer ≥ 1"),
-        ({"constants": np.array([np.nan])}, "constants should have no NaN"),
         ({"constants": np.array([[1.0]])}, "constants should have one axis"),
         ({"step": "reset"}, r"step should be compiled by numba for int64\(.*found \("),
         ({"reset": print}, "reset should be compiled by numba for void.*found builtin_function_or_method"),

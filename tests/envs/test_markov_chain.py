@@ -59,9 +59,7 @@ def test_a_stack_of_chains_is_answered_chain_by_chain():
 @pytest.mark.parametrize(
     ("chain", "classes"),
     [
-        (np.eye(2), "2: states [0] and [1]"),
         (np.array([[0.2, 0.4, 0.4], [0, 1, 0], [0, 0, 1]]), "2: states [1] and [2]"),
-        (np.kron(np.eye(2), np.full((2, 2), 0.5)), "2: states [0, 1] and [2, 3]"),
         (np.eye(5), "5: states [0] and [1] and [2] …"),
     ],
 )

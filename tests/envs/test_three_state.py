@@ -12,11 +12,8 @@ def test_the_rewards_are_those_of_the_paper():
     assert mdp.rewards[:, 1, 2].tolist() == [2, 1, -1, 0]  # "when the agent selects the action a₃ at the state s₂"
 
 
-def test_the_example_of_the_paper_fixes_the_first_row():
-    np.testing.assert_allclose(ThreeStateMDP().transitions[0, 0], [0.1, 0.8, 0.1])
-
-
 def test_actions_move_on_by_one_by_two_and_stay():
+    np.testing.assert_allclose(ThreeStateMDP().transitions[0, 0], [0.1, 0.8, 0.1])  # the paper's example
     likely = ThreeStateMDP().transitions.argmax(axis=2)
     assert likely.tolist() == [[1, 2, 0], [2, 0, 1], [0, 1, 2]]
     assert sorted(ThreeStateMDP(slip=0.5).transitions[1, 1].tolist()) == [0.25, 0.25, 0.5]
@@ -30,7 +27,7 @@ def test_extrinsic_rewards_cancel():
     np.testing.assert_allclose(mdp.policy_gradients(policies)[:, 1:].sum(axis=1), 0, atol=1e-14)
 
 
-@pytest.mark.parametrize("slip", [0.01, 0.2, 0.5, 0.9])
+@pytest.mark.parametrize("slip", [0.01, 0.9])
 def test_the_constrained_optimum_is_the_first_action_everywhere(slip):
     optimum = ThreeStateMDP(slip).constrained_optimum([0, 0, 0])
     np.testing.assert_allclose(optimum.values, [1, 0, 0, 0], atol=1e-12)
@@ -42,13 +39,6 @@ def test_the_unconstrained_optimum_violates_the_third_reward():
     optimum = ThreeStateMDP().constrained_optimum([-np.inf] * 3)
     np.testing.assert_allclose(optimum.values, [1.73, 0.73, -0.73, 0], atol=1e-12)
     assert optimum.policy.argmax(axis=1).tolist() == [0, 2, 0]
-
-
-def test_uniform_play_visits_all_states_alike():
-    mdp = ThreeStateMDP()
-    uniform = np.full((3, 3), 1 / 3)
-    np.testing.assert_allclose(mdp.stationary_distribution(uniform), 1 / 3)
-    np.testing.assert_allclose(mdp.average_rewards(uniform), [1 / 3, 0, 0, 0], atol=1e-15)
 
 
 def test_constants_are_arguments():

@@ -25,7 +25,7 @@ from rl import (
 )
 
 STRANGE = [
-    None, 1.0, "hello", [], {}, object(), True, float("nan"), -1, np.array([1.0, np.nan]), np.ones((2, 2)), 10**400,
+    None, 1.0, "hello", {}, object(), True, float("nan"), -1, np.array([1.0, np.nan]), np.ones((2, 2)), 10**400,
 ]  # fmt: skip
 MDP, STEP = ThreeStateMDP(), ConstrainedStep()
 
@@ -35,19 +35,11 @@ def ones(_: Any) -> Any:
 
 
 def learn(
-    environment: Any,
-    policy: Any,
-    estimator: Any,
-    learner: Any,
-    episodes: Any = 1,
-    runs: Any = 1,
-    seed: Any = 0,
-    initial: Any = None,
-    max_change: Any = np.inf,
-) -> None:
+    environment: Any, policy: Any, estimator: Any, learner: Any, episodes: Any = 1, runs: Any = 1, seed: Any = 0,
+    initial: Any = None, max_change: Any = np.inf,
+) -> None:  # fmt: skip
     kept = {"episodes": episodes, "runs": runs, "seed": seed, "initial": initial, "max_change": max_change}
-    for _ in train(environment, policy, estimator, learner, **kept):
-        pass
+    list(train(environment, policy, estimator, learner, **kept))
 
 
 DOORS: dict[Callable[..., Any], dict[str, Any]] = {

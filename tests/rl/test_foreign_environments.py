@@ -194,7 +194,7 @@ class Declaring(Ending):
     event_key = "ended by"
 
 
-@pytest.mark.parametrize("event", [0, -1, "goal", None, 2.5, True, [7], np.nan, 7])
+@pytest.mark.parametrize("event", [0, "goal", 7])
 def test_an_event_of_somebody_elses_namespace_is_not_read(event: Any) -> None:
     policy = ONE_OF_TWO
     plain, right = estimate_of(Ending({}), KondaActorCritic(), policy)
@@ -210,11 +210,8 @@ def test_an_event_of_somebody_elses_namespace_is_not_read(event: Any) -> None:
         (Declaring({"ended by": np.int64(7), "cpgrl_event": 3}), 7),
         (gymnasium.wrappers.TimeLimit(Declaring({"ended by": 7}), 9), 7),
         (Declaring({"ended by": 0}), 1),
-        (Declaring({"ended by": "goal"}), 1),
-        (Declaring({"ended by": None}), 1),
+        (Declaring({"ended by": True}), 1),
         (Declaring({"ended by": np.array([7])}), 1),
-        (Declaring({"ended by": np.array(7.5)}), 1),
-        (Declaring({"event": 5}), 1),
         (Ending(None), 1),
     ],
 )
@@ -344,28 +341,16 @@ X = np.zeros(1)
     [
         ({"step": (X, 1.0, 0.0, False, False, {})}, "found 6 values as in Safety-Gymnasium: .*wrapper"),
         ({"step": (X, 1.0, False, {})}, "found 4 values as before Gymnasium: .*wrapper"),
-        ({"step": (X, 1.0)}, r"step should return \(observation, reward, terminated.*; found 2 values \("),
         ({"step": [X, 1.0, False, False, {}]}, "step should return .*; found list"),
-        ({"step": None}, None),
         (
             {"step": (X, 1.0, False, False, {})},
             r"rewards should have shape \(2,\).*found one number: a wrapper makes",
         ),
         ({"step": (X, ["1", "2"], False, False, {})}, "rewards should be numbers, one for each channel; found"),
-        ({"step": (X, [1j, 2], False, False, {})}, "rewards should be numbers, one for each channel; found"),
         ({"step": (X, [None, 1.0], False, False, {})}, "reward of channel 0 should be finite; found nan"),
-        (
-            {"step": (X, [[1.0], [1.0, 2.0]], False, False, {})},
-            "rewards should be numbers, one for each channel; found",
-        ),
-        ({"step": (X, None, False, False, {})}, r"rewards should have shape \(2,\)"),
         ({"reset": np.zeros(2)}, r"reset should return \(observation, info\), as in Gymnasium; found ndarray"),
     ],
 )
-def test_other_libraries_answers_are_told_from_gymnasiums(answers: Any, message: str | None) -> None:
-    training = train(Answering(**answers), ONE_OF_TWO, GPOMDP(steps=3), WeightedSum(), episodes=1, runs=1)
-    if message is None:
-        assert len(list(training)) == 1
-    else:
-        with pytest.raises(ValueError, match=message):
-            list(training)
+def test_other_libraries_answers_are_told_from_gymnasiums(answers: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        list(train(Answering(**answers), ONE_OF_TWO, GPOMDP(steps=3), WeightedSum(), episodes=1, runs=1))

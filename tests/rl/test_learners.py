@@ -1,11 +1,11 @@
-"""CONB and SUM against hand computations; CPGRL is its step."""
+"""CONB, SUM and gradient plus restoration against hand computations; CPGRL is its step."""
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep, Linearization
+from cpgrl_opt import ConstrainedStep, Linearization, projection_matrix, restoration_move
 from cpgrl_opt.active_set import hysteresis
-from rl import CPGRL, ConstraintSwitching, WeightedSum
+from rl import CPGRL, ConstraintSwitching, GradientWithRestoration, WeightedSum
 
 RNG = np.random.default_rng(0)
 GRADIENTS = RNG.normal(size=(4, 4, 9))
@@ -33,11 +33,6 @@ def test_conb_measures_violation_from_the_thresholds() -> None:
     np.testing.assert_array_equal(update.change, 0.02 * np.stack([GRADIENTS[r, 2] for r in range(4)]))
 
 
-def test_conb_without_constraints_is_the_plain_gradient() -> None:
-    update = ConstraintSwitching([]).update(Linearization(VALUES[:, :1], GRADIENTS[:, :1]))
-    np.testing.assert_array_equal(update.change, 0.02 * GRADIENTS[:, 0])
-
-
 def test_conb_never_follows_the_objective_when_constraint_values_sum_to_zero() -> None:
     """docs/reproduction.md, slip 6: ρ² + ρ³ + ρ⁴ = 0 cannot be > 0 in all three."""
     values = RNG.normal(size=(500, 4))
@@ -59,12 +54,8 @@ def test_conb_with_a_tolerance_follows_the_objective_where_nothing_is_violated_b
 
 def test_sum_follows_the_sum_of_all_gradients() -> None:
     update = WeightedSum(step_size=0.1).update(LINEARIZATION)
-    expected = GRADIENTS[:, 0] + GRADIENTS[:, 1] + GRADIENTS[:, 2] + GRADIENTS[:, 3]
-    np.testing.assert_allclose(update.change, 0.1 * expected, rtol=1e-14)
+    np.testing.assert_allclose(update.change, 0.1 * GRADIENTS.sum(axis=1), rtol=1e-14)
     assert not update.active.any()
-
-
-def test_sum_takes_weights() -> None:
     update = WeightedSum([1, 0, 0, -2]).update(LINEARIZATION)
     np.testing.assert_allclose(update.change, 0.02 * (GRADIENTS[:, 0] - 2 * GRADIENTS[:, 3]), rtol=1e-14)
 
@@ -95,13 +86,8 @@ def test_cpgrl_shows_every_direction_problem_to_the_observer() -> None:
 def test_settings_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="thresholds should be finite"):
         ConstraintSwitching([0, np.nan, 0])
-    with pytest.raises(ValueError, match="thresholds should be finite"):
-        CPGRL(ConstrainedStep(), [[0, 0]])
-    for none in (None, ["0", "1", "2"], [None, 0.0, 0.0], [1j, 0, 0]):
-        with pytest.raises(ValueError, match="thresholds should be an array of real numbers"):
-            CPGRL(ConstrainedStep(), none)
-    with pytest.raises(ValueError, match="weights should be an array of real numbers"):
-        WeightedSum(["1", "2"])
+    with pytest.raises(ValueError, match="thresholds should be an array of real numbers"):
+        CPGRL(ConstrainedStep(), [None, 0.0, 0.0])
     with pytest.raises(ValueError, match="step_size should be"):
         WeightedSum(step_size=-1.0)
     with pytest.raises(ValueError, match="weights should have shape"):
@@ -109,3 +95,44 @@ def test_settings_that_do_not_fit_are_refused() -> None:
     for learner in (ConstraintSwitching([0, 0]), CPGRL(ConstrainedStep(), [0, 0])):
         with pytest.raises(ValueError, match=r"thresholds should have shape \(3,\)"):
             learner.update(LINEARIZATION)
+
+
+# Gradient plus restoration: the same restoration as CPGRL's, the gradient whole. Both, one, none violated:
+WITHOUT_P = Linearization(np.array([[1.0, -0.2, -0.3], [1.0, -0.2, 0.4], [1.0, 0.1, 0.2]]), GRADIENTS[:3, :3, :7])
+STEP = ConstrainedStep(solver="rosen", step_size=0.5, restoration_rate=0.25, drop="never")
+
+
+def test_the_change_is_the_whole_gradient_and_the_papers_restoration():
+    update = GradientWithRestoration(STEP, [0, 0]).update(WITHOUT_P)
+    for run, active in enumerate([[1, 2], [1], []]):
+        expected = 0.5 * WITHOUT_P.gradients[run, 0]
+        if active:
+            expected = expected - 0.25 * restoration_move(
+                WITHOUT_P.gradients[run, active], WITHOUT_P.values[run, active]
+            )
+        np.testing.assert_allclose(update.change[run], expected, rtol=1e-10)
+    np.testing.assert_array_equal(update.active, WITHOUT_P.values[:, 1:] <= 0)
+
+
+def test_it_differs_from_cpgrl_by_what_the_projection_takes_away():
+    whole = GradientWithRestoration(STEP, [0, 0]).update(WITHOUT_P).change
+    projected = CPGRL(STEP, [0, 0]).update(WITHOUT_P).change
+    removed = 0.5 * (np.eye(7) - projection_matrix(WITHOUT_P.gradients[0, 1:])) @ WITHOUT_P.gradients[0, 0]
+    np.testing.assert_allclose(whole[0] - projected[0], removed, atol=1e-12)
+    np.testing.assert_allclose(whole[2], projected[2], atol=1e-15)
+
+
+@pytest.mark.parametrize("formulation", ["equality", "cone"])
+def test_safeguards_act_on_the_restoration_alone_and_are_counted(formulation):
+    step = ConstrainedStep(formulation=formulation, max_restoration=1e-3, restoration_rate=0.25, step_size=0.5)
+    update = GradientWithRestoration(step, [0, 0]).update(WITHOUT_P)
+    restoration = update.change - 0.5 * WITHOUT_P.gradients[:, 0]
+    assert (np.linalg.norm(restoration, axis=1) <= 1e-3 * (1 + 1e-9)).all()
+    np.testing.assert_array_equal(update.counts["capped"], [1, 1, 0])
+    assert not update.stationary.any()
+
+
+def test_a_formulation_whose_restoration_is_no_move_of_its_own_is_refused():
+    for formulation in ("restoring", "linearized"):
+        with pytest.raises(ValueError, match=rf"formulation should be 'equality' or 'cone'.*found '{formulation}'"):
+            GradientWithRestoration(ConstrainedStep(formulation=formulation), [0, 0])

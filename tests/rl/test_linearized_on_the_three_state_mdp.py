@@ -22,14 +22,14 @@ def results(kappa, radius=None):
     step = ConstrainedStep(
         formulation="linearized", slack_fraction=kappa, restoration_rate=RATE, step_size=0.5, radius=radius
     )
-    for seed in range(60):
+    for seed in range(20):
         each = linearization(seed)
         assert abs(each.values[1:].sum()) <= 1e-15
         assert (each.values[1:] < 0).any()
         yield each, step(each, THRESHOLDS)
 
 
-@pytest.mark.parametrize("kappa", [RATE, 0.31, 0.6, 1.0])
+@pytest.mark.parametrize("kappa", [RATE, 0.31, 1.0])
 def test_with_as_much_to_lose_as_to_win_it_is_never_infeasible(kappa):
     """With κ = αₑ the constraints have no interior: they are met with equality, and rounding is no violation."""
     for each, result in results(kappa):
@@ -40,7 +40,7 @@ def test_with_as_much_to_lose_as_to_win_it_is_never_infeasible(kappa):
         assert (result.predicted_slack >= left - 1e-12).all()
 
 
-@pytest.mark.parametrize("kappa", [0.0, 0.15, 0.29])
+@pytest.mark.parametrize("kappa", [0.0, 0.29])
 def test_with_less_to_lose_it_is_always_infeasible_with_a_proof(kappa):
     for each, result in results(kappa):
         assert result.counts["infeasible"] == 1
