@@ -204,12 +204,11 @@ def _changes(node: ast.expr) -> Iterator[tuple[str, str]]:
             yield "constant", repr(value * 1e4 if 0 < abs(value) < 1e-2 else value + 1.0)
 
 
-def run(root: Path, drawn: Sequence[Mutation], tests: Mapping[str, Sequence[str]], processes: int = 2) -> list[Row]:
+def run(root: Path, drawn: Sequence[Mutation], tests: Mapping[str, tuple[str, ...]], processes: int = 2) -> list[Row]:
     """Each mutation in a copy of the project, after the tests of all have passed without any."""
     with tempfile.TemporaryDirectory() as folder:
         unbroken = Path(folder) / "unbroken"
         _copy(root, unbroken)
-        limits = {which: _time(unbroken, which) for which in {tuple(tests[each.file]) for each in drawn}}
         places: SimpleQueue[Path] = SimpleQueue()
         for number in range(processes):
             places.put(Path(folder) / str(number))
@@ -217,11 +216,13 @@ def run(root: Path, drawn: Sequence[Mutation], tests: Mapping[str, Sequence[str]
         def tried(mutation: Mutation) -> Row:
             place = places.get()
             try:
-                return _try(unbroken, place, mutation, tests[mutation.file], limits)
+                return _try(unbroken, place, mutation, tests[mutation.file], limits[tests[mutation.file]])
             finally:
                 places.put(place)
 
         with ThreadPoolExecutor(processes) as pool:
+            needed = list({tests[each.file] for each in drawn})
+            limits = dict(zip(needed, pool.map(lambda which: _limit(unbroken, which), needed), strict=True))
             return list(pool.map(tried, drawn))
 
 
@@ -235,20 +236,20 @@ def _copy(root: Path, place: Path) -> None:
     shutil.copy2(root / "pyproject.toml", place)
 
 
-def _time(place: Path, tests: Sequence[str]) -> float:
-    """Seconds that the tests take, which have to pass."""
+def _limit(place: Path, tests: Sequence[str]) -> float:
+    """Seconds after which the tests are ended, of how long they take unbroken; they have to pass."""
     begun = time.perf_counter()
     code, output = run_tests(place, tests, None)
     if code != 0:
         raise ValueError(f"the tests should pass without a mutation; found\n{output}")
-    return time.perf_counter() - begun
+    return 3.0 * (time.perf_counter() - begun) + PATIENCE
 
 
-def _try(unbroken: Path, place: Path, mutation: Mutation, tests: Sequence[str], limits: Mapping[Any, float]) -> Row:
+def _try(unbroken: Path, place: Path, mutation: Mutation, tests: Sequence[str], limit: float) -> Row:
     _copy(unbroken, place)
     (place / mutation.file).write_text(mutation.source, encoding="utf-8")
     begun = time.perf_counter()
-    code, _ = run_tests(place, tests, 3.0 * limits[tuple(tests)] + PATIENCE)
+    code, _ = run_tests(place, tests, limit)
     outcome = {0: "survived", None: "timed out"}.get(code, "killed")
     seconds = round(time.perf_counter() - begun, 1)
     print(f"{outcome:9} {seconds:6.1f} s  {mutation.file}:{mutation.line} {mutation.kind}", flush=True)
