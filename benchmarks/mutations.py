@@ -125,7 +125,9 @@ def main() -> None:
     drawn = draw(ROOT, list(tests), arguments.mutations, np.random.default_rng(arguments.seed))
     rows = run(ROOT, drawn, tests, arguments.processes)
     command = f"python benchmarks/mutations.py --mutations {arguments.mutations} --seed {arguments.seed}"
-    write("mutations", page(rows, command), rows, arguments.out)
+    commit = ["git", "rev-parse", "--short", "HEAD"]
+    sources = subprocess.run(commit, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    write("mutations", page(rows, command, sources), rows, arguments.out)
 
 
 def tests_of(root: Path, tests: Mapping[tuple[str, ...], Sequence[str]]) -> dict[str, tuple[str, ...]]:
@@ -278,7 +280,7 @@ def run_tests(place: Path, tests: Sequence[str], limit: float | None) -> tuple[i
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-def page(rows: Sequence[Row], command: str) -> str:
+def page(rows: Sequence[Row], command: str, sources: str) -> str:
     """The score, of each file too, and the survivors as diffs."""
     survivors = [row for row in rows if row.outcome == "survived"]
     counts = [(file, [row for row in rows if row.file == file]) for file in sorted({row.file for row in rows})]
@@ -287,7 +289,8 @@ def page(rows: Sequence[Row], command: str) -> str:
         "# Wrong lines that the tests notice",
         f"`{command}`: {len(rows) - len(survivors)} of {len(rows)} noticed, "
         f"{sum(row.outcome == 'timed out' for row in rows)} of them by the time that they take; "
-        f"{len(survivors)} survived. {sum(row.seconds for row in rows) / 3600:.1f} hours of one core.",
+        f"{len(survivors)} survived. {sum(row.seconds for row in rows) / 3600:.1f} hours of one core; "
+        f"on commit {sources}.",
         table("| file | noticed | tried |", "| {0[0]} | {0[1]:d} | {0[2]:d} |", lines),
         "## Survivors",
         *(f"{row.file}, line {row.line}, {row.kind}:\n\n```diff\n{row.diff}\n```" for row in survivors),

@@ -1,6 +1,5 @@
 """docs/formulations.md: its formulations are those of the code, and its numbers those of the benchmark."""
 
-import re
 from pathlib import Path
 
 from cpgrl_opt import FORMULATIONS
@@ -27,11 +26,3 @@ def test_the_numbers_are_those_that_the_benchmark_wrote():
     titles, measured = table(RESULTS.read_text(encoding="utf-8"), ["task", "method"])
     chosen = [titles.index(name) for name in ("task", "method", "by > 1 %, %", "largest, %", "return")]
     assert shown == [[row[k] for k in chosen] for row in measured]
-
-
-def test_the_example_runs_as_printed():
-    (example,) = re.findall(r"```python\n(.*?)```", PAGE, re.S)
-    names = {}
-    exec(example, names)
-    step = names["step"]
-    assert (step.slack_fraction, step.step_size, step.restoration_rate) == (1.0, 1.0, 1.0)

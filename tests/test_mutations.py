@@ -63,7 +63,7 @@ def test_it_says_which_mutations_the_tests_notice(load_benchmark, project):
     rows = benchmark.run(project, two, tests)
     outcomes = {row.diff.splitlines()[-1].strip("+ "): row.outcome for row in rows}
     assert outcomes == {"x = 1": "survived", "return (x * 2.0)": "killed"}
-    page = benchmark.page(rows, "the command")
+    page = benchmark.page(rows, "the command", "1234567")
     assert "`the command`: 1 of 2 noticed, 0 of them by the time" in page
     assert "```diff\n-        x = 0\n+        x = 1\n```" in page
 

@@ -1,4 +1,4 @@
-"""The pages of docs/ tell the truth: examples run, links lead somewhere, tables and numbers are those of the code."""
+"""README and docs/ tell the truth: examples run, links lead somewhere, tables and numbers are those of the code."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,8 @@ from cpgrl_opt.testing.laws_page import to_markdown
 from rl.experiments.solver_cases import cases
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("*.md"))}
+PATHS = {path.name: path for path in (*sorted(DOCS.glob("*.md")), DOCS.parent / "README.md")}
+PAGES = {name: path.read_text(encoding="utf-8") for name, path in PATHS.items()}
 EXAMPLES = [
     (name, number, example)
     for name, page in PAGES.items()
@@ -32,12 +33,12 @@ def test_an_example_runs_as_printed(name, number, example):
 
 @pytest.mark.parametrize(("name", "link"), LINKS)
 def test_every_linked_file_exists(name, link):
-    assert (DOCS / link.split("#")[0]).exists() or link.startswith("#"), name
+    assert (PATHS[name].parent / link.split("#")[0]).exists() or link.startswith("#"), name
 
 
 def test_every_page_has_its_place_in_the_site():
     listed = re.findall(r"^(\w+)$", PAGES["index.md"], flags=re.MULTILINE)
-    assert sorted(f"{name}.md" for name in listed) == sorted(set(PAGES) - {"index.md"})
+    assert sorted(f"{name}.md" for name in listed) == sorted(set(PAGES) - {"index.md", "README.md"})
 
 
 def test_the_table_of_solvers_is_that_of_the_code():
