@@ -26,13 +26,13 @@ def late(signature: str) -> Callable[[Any], CompiledLate]:
 
 
 _HERE = Path(__file__).parent
-_FOLDERS = [_HERE / "policies", _HERE / "estimators"]
+_FOLDERS = [_HERE / "policies", _HERE / "drivers", _HERE / "estimators"]
 
 
 def _sources() -> list[Path]:
     steps = Path(cpgrl_opt.__file__).parent
     inlined = [*_FOLDERS, Path(interface.__file__).parent, steps / "solvers" / "compiled"]
-    alone = [Path(__file__), steps / "direct_step.py"]
+    alone = [Path(__file__), _HERE / "late_kernels.py", steps / "direct_step.py"]
     return [*alone, *(source for folder in inlined for source in folder.glob("*.py"))]
 
 

@@ -111,8 +111,10 @@ def compile_projections() -> None:
 
 def compile_rollouts() -> None:
     """The kernels of `rl` and `envs`."""
-    for name in ("continuous_gpomdp", "continuous_konda", "finite_learning", "finite_konda"):
-        import_module(f"rl.estimators.{name}")
+    for name in ("estimators.finite_learning", "drivers.finite", "drivers.continuous"):
+        import_module(f"rl.{name}")
+    for name in ("gpomdp", "konda_actor_critic"):
+        _ = import_module(f"rl.estimators.{name}").advance.machine_code
     import_module("envs.arm_kernels")
 
 

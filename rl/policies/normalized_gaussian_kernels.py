@@ -12,10 +12,8 @@ from cpgrl_opt.arrays import Float64, Int64
 from envs.interface.random_stream import uniform
 
 from ..kernels import kernel
+from ..late_kernels import inner
 from .normalized_gaussian_network import NormalizedGaussianNetwork
-
-# Sums in any order, so that they fill vector registers; NaN and infinities keep their meaning.
-_REORDERED = {"reassoc", "nsz", "contract"}
 
 
 class Grid(NamedTuple):
@@ -38,13 +36,12 @@ def grid_of(policy: NormalizedGaussianNetwork) -> Grid:
     return Grid(np.array(policy.counts), places, np.array([falls, np.full_like(falls, policy.width**-2)]))
 
 
-@kernel("void(float64, float64[:, ::1], float64[::1])")
-def _along_axis(place, falls, weights):  # type: ignore[no-untyped-def]
+@kernel("void(float64, int64, float64[:, ::1], float64[::1])")
+def _along_axis(place, count, falls, weights):  # type: ignore[no-untyped-def]
     """Normalised Gaussians at `place`, counted in spacings from the lowest centre, from one exponential.
 
     With r the nearest centre and s = place − r,  g_{r±i} ∝ exp(±s i/width²) exp(−½ (i/width)²).
     """
-    count = weights.size
     nearest = 0
     if place > 0.0:  # false for NaN, which must not become an index
         nearest = int(min(place + 0.5, count - 1.0))
@@ -71,7 +68,7 @@ def fill_features(state, counts, places, falls, weights, features):  # type: ign
     size = 1
     for axis in range(counts.size):
         count = counts[axis]
-        _along_axis((state[axis] - places[0, axis]) * places[1, axis], falls, weights[:count])
+        _along_axis((state[axis] - places[0, axis]) * places[1, axis], count, falls, weights)
         for j in range(size - 1, -1, -1):  # from the end, so that nothing is overwritten before it is used
             factor = features[j]
             for i in range(count):
@@ -88,15 +85,6 @@ def normal_pair(random_state):  # type: ignore[no-untyped-def]
         if 0.0 < square < 1.0:
             factor = np.sqrt(-2.0 * np.log(square) / square)
             return x * factor, y * factor
-
-
-@kernel("float64(float64[::1], float64[::1])", fastmath=_REORDERED)
-def dot(a, b):  # type: ignore[no-untyped-def]
-    """Σ aᵢbᵢ."""
-    total = 0.0
-    for i in range(a.size):
-        total += a[i] * b[i]
-    return total
 
 
 @kernel(
@@ -124,7 +112,7 @@ def act(  # type: ignore[no-untyped-def]
         noise = second
         if c % 2 == 0:
             noise, second = normal_pair(random_state)
-        action[c] = dot(theta[c * size : (c + 1) * size], features) + deviation * noise
+        action[c] = inner(theta, c * size, features) + deviation * noise
         scaled = noise / deviation
         for j in range(size):
             score[c * size + j] = features[j] * scaled

@@ -49,7 +49,7 @@ def test_rl_watches_every_file_that_its_kernels_may_hold_code_of():
     from rl.kernels import _FOLDERS, _sources
 
     sources = {source.resolve() for source in _sources()}
-    for package, folder in ((interface, ""), (rl, "policies"), (rl, "estimators")):
+    for package, folder in ((interface, ""), (rl, "policies"), (rl, "drivers"), (rl, "estimators")):
         assert set((Path(package.__file__).parent / folder).resolve().glob("*.py")) <= sources
     with_kernels = {path.parent for path in Path(rl.__file__).parent.rglob("*.py") if "\n@kernel(" in path.read_text()}
     assert with_kernels == set(_FOLDERS)

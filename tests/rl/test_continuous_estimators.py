@@ -7,7 +7,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
-from importlib import import_module
 from typing import Any
 
 import numba
@@ -18,8 +17,7 @@ from cpgrl_opt import ConstrainedStep
 from envs import RESET_SIGNATURE, STEP_SIGNATURE, ContinuousKernels, TwoLinkArm, random_state
 from envs.interface.random_stream import uniform
 from rl import CPGRL, GPOMDP, KondaActorCritic, NormalizedGaussianNetwork, map_runs, train
-from rl.estimators.gpomdp import RolloutGPOMDP
-from rl.estimators.konda_actor_critic import RolloutKonda
+from rl.drivers import PythonDriver
 from rl.streams import run_streams
 
 
@@ -118,9 +116,8 @@ def test_compiled_and_plain_path_agree_on_the_same_draws(estimator: str, environ
     settings, policy, rng = ESTIMATORS[estimator], network(environment), np.random.default_rng(5)
     streams, kernels = episode_streams(3), ENVIRONMENTS[environment].continuous_kernels()  # type: ignore[attr-defined]
     compiled = settings.start(ENVIRONMENTS[environment], policy, streams)  # type: ignore[attr-defined]
-    plain_path: Any = RolloutKonda if isinstance(settings, KondaActorCritic) else RolloutGPOMDP
     replays = [Replay(kernels, policy, stream) for stream in streams]
-    plain = [plain_path(settings, replay, replay, streams[:1]) for replay in replays]
+    plain = [settings.with_driver(PythonDriver(replay, replay, streams[:1], settings.steps)) for replay in replays]
     lengths = set()
     for _ in range(8):
         parameters = rng.normal(size=(3, len(policy.parameters)))
@@ -183,16 +180,17 @@ def test_a_run_is_bit_identical_for_any_batch_and_any_thread(estimator: str, env
     np.testing.assert_array_equal(np.concatenate(map_runs(task, 5, processes=2, threads=True)), together)
 
 
-def test_kernels_load_from_the_disk_cache_in_a_new_process() -> None:
-    for name in ("continuous_gpomdp", "continuous_konda", "finite_konda"):
-        import_module(f"rl.estimators.{name}")  # which compiles them here where they have not been
-    code = (
-        "from rl.estimators import continuous_gpomdp, continuous_konda, finite_konda\n"
-        "for module in (continuous_gpomdp, continuous_konda, finite_konda):\n"
-        "    print(sum(module.advance.stats.cache_hits.values()))"
-    )
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert answer.stdout.split() == ["1", "1", "1"]
+def test_drivers_and_rules_load_from_the_disk_cache_in_a_new_process() -> None:
+    modules = ("drivers.finite", "drivers.continuous", "estimators.gpomdp", "estimators.konda_actor_critic")
+    program = f"""
+from importlib import import_module
+for name in {modules}:
+    advance = import_module("rl." + name).advance
+    print(sum(getattr(advance, "machine_code", advance).stats.cache_hits.values()))
+"""
+    for _ in range(2):  # compiled by the first one where they have not been
+        answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert answer.stdout.split() == ["1"] * len(modules)
 
 
 # --- the boundary ------------------------------------------------------------------------------------------------
@@ -215,7 +213,7 @@ def test_the_plain_path_takes_the_network_too(estimator: Any) -> None:
     environment = gymnasium.make("cpgrl/TwoLinkArm-v0")
     estimation = estimator.start(environment, network("arm"), episode_streams(2))
     estimate = estimation.episode(np.zeros((2, 80)))
-    assert isinstance(estimation, (RolloutKonda, RolloutGPOMDP))
+    assert isinstance(estimation.driver, PythonDriver)
     assert estimate.values.shape == (2, 3)
     assert (estimate.steps <= 30).all()
 

@@ -8,7 +8,7 @@ import pytest
 
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp, random_state
 from rl import GPOMDP, SoftmaxTable
-from rl.estimators.gpomdp import RolloutGPOMDP
+from rl.drivers import PythonDriver
 from rl.streams import run_streams
 
 CASES = {  # states, actions, channels: one lane group and two; a search by counting and by bisection
@@ -105,7 +105,9 @@ def test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws(case: str, 
     policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
     compiled = settings.start(mdp, policy, streams)
     replays = [Replay(mdp, stream) for stream in streams]
-    plain = [RolloutGPOMDP(settings, r, ReplayedTable(policy, r), streams[:1]) for r in replays]
+    plain = [
+        settings.with_driver(PythonDriver(r, ReplayedTable(policy, r), streams[:1], settings.steps)) for r in replays
+    ]
     for _ in range(4):  # ρ and the random state are carried over, z and Δ are not
         parameters = rng.normal(size=(3, mdp.states * mdp.actions))
         fast = compiled.episode(parameters)
@@ -201,7 +203,7 @@ def test_the_plain_path_has_the_exact_expectation_too_and_forgets_nothing(weight
         GPOMDP(weights=weights, steps=12, trace_decay=0.8, average_rate=0.3, bias_correction=False),
     )
     policy, runs = SoftmaxTable(9, 2, np.random.default_rng(2).random(18)), 500
-    plain = RolloutGPOMDP(settings, TabularEnv(mdp), policy, episode_streams(runs))
+    plain = settings.with_driver(PythonDriver(TabularEnv(mdp), policy, episode_streams(runs), settings.steps))
     estimate = plain.episode(np.tile(policy.parameters, (runs, 1)))
     value, gradient = expected_estimate(mdp, policy, settings)
     assert_mean(estimate.values, value, 6)

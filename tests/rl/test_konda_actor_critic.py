@@ -11,7 +11,7 @@ import pytest
 from cpgrl_opt import ConstrainedStep
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp, random_state
 from rl import CPGRL, GPOMDP, KondaActorCritic, LinearSoftmax, SoftmaxTable, train
-from rl.estimators.konda_actor_critic import RolloutKonda
+from rl.drivers import PythonDriver
 from rl.streams import run_streams
 
 CASES = {"two states": (2, 2, 2), "five states": (5, 3, 3), "no constraint": (3, 2, 1), "twenty actions": (2, 20, 4)}
@@ -79,7 +79,9 @@ def test_two_steps_by_hand(end: str) -> None:
         trace_decay=0.5, average_rate=0.1, critic_rate=0.01, steps=2 if end == "limit" else 9, bias_correction=False
     )
     rewards = [[3.0, -3.0], [5.0, -5.0]] + [[9.0, 9.0]] * (end == "limit")
-    konda = RolloutKonda(settings, Scripted(rewards, end), Alternating([[1, 0], [0, 2]]), episode_streams(1))  # type: ignore[arg-type]
+    konda = settings.with_driver(
+        PythonDriver(Scripted(rewards, end), Alternating([[1, 0], [0, 2]]), episode_streams(1), settings.steps)
+    )  # type: ignore[arg-type]
     first = konda.episode(np.zeros((1, 2)))
     # step 0: Q = 0; z = (1, 0); ρ = 0.3; δ = 3 − 0.3; w = 0.027 z
     # step 1: Q = 0; z = (0.5, 2); ρ = 0.3 + 0.1 (5 − 0.3) = 0.77; δ = 5 − 0.77 + wᵀ(ψ₂ − ψ₁), wᵀψ₁ = 0
@@ -163,7 +165,7 @@ def test_compiled_and_plain_path_agree_on_the_same_draws(case: str, average: Any
     policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
     compiled = settings.start(mdp, policy, streams)
     replays = [Replay(mdp, policy, stream) for stream in streams]
-    plain = [RolloutKonda(settings, replay, replay, streams[:1]) for replay in replays]  # type: ignore[arg-type]
+    plain = [settings.with_driver(PythonDriver(replay, replay, streams[:1], settings.steps)) for replay in replays]  # type: ignore[arg-type]
     for _ in range(4):
         parameters = rng.normal(size=(3, mdp.states * mdp.actions))
         fast = compiled.episode(parameters)

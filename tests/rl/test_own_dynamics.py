@@ -13,8 +13,7 @@ import pytest
 from envs import FiniteKernel, TabularEnv, TabularMDP, ThreeStateEnv, ThreeStateMDP, TwoLinkArm, TwoLinkArmEnv
 from envs.interface import continuous_kernels_of, finite_kernel_of
 from rl import GPOMDP, ExactGradient, KondaActorCritic, NormalizedGaussianNetwork, SoftmaxTable
-from rl.estimators.gpomdp import RolloutGPOMDP
-from rl.estimators.konda_actor_critic import RolloutKonda
+from rl.drivers import PythonDriver
 from rl.streams import run_streams
 
 ESTIMATORS = [GPOMDP(steps=7), KondaActorCritic(steps=7)]
@@ -214,7 +213,7 @@ def test_who_changes_nothing_or_declares_a_kernel_runs_compiled(estimator: Any) 
     ):
         assert rewards_of(environment, estimator) == rewards
         estimation = estimator.start(environment, SoftmaxTable(3, 3), [run_streams(0, 0).episodes])
-        assert not isinstance(estimation, (RolloutGPOMDP, RolloutKonda))
+        assert not isinstance(getattr(estimation, "driver", None), PythonDriver)
 
 
 def test_an_environment_steps_by_the_kernel_that_its_mdp_declares() -> None:
@@ -254,7 +253,7 @@ def test_an_arm_is_trained_by_its_own_step(estimator: Any) -> None:
     assert continuous_kernels_of(environment) is None
     for compiled in (TwoLinkArm(), TwoLinkArmEnv()):
         started = estimator.start(compiled, network(), [run_streams(0, 0).episodes])
-        assert not isinstance(started, (RolloutGPOMDP, RolloutKonda))
+        assert not isinstance(started.driver, PythonDriver)
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

@@ -1,31 +1,10 @@
-"""Which environments and policies compiled estimators stand for; the others go the generic path.
-
-Whoever has code of its own, an environment (`envs.interface.finite_kernel_of`) or a policy, is trained by that code.
-Raises ValueError for an environment that its kernels do not stand for and that has no `reset` and `step`.
-"""
+"""Averages per step of a chain with several recurrent classes are refused: they depend on where a run is caught."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..policies import LinearSoftmax, NormalizedGaussianNetwork, Policy, SoftmaxTable
+from ..policies import LinearSoftmax, Policy, SoftmaxTable
 from ..spaces import behaves_as
-
-if TYPE_CHECKING:
-    from envs.interface import ContinuousKernels, FiniteKernel
-
-
-def finite_kernel_for(environment: Any, policy: Policy) -> "FiniteKernel | None":
-    """A finite MDP's kernel, where the policy is a plain `SoftmaxTable`."""
-    from envs.interface import finite_kernel_of  # Gymnasium loads with envs
-
-    return finite_kernel_of(environment) if behaves_as(policy, SoftmaxTable) else None
-
-
-def continuous_kernels_for(environment: Any, policy: Policy) -> "ContinuousKernels | None":
-    """A `ContinuousEnvironment`'s kernels, where the policy is a plain `NormalizedGaussianNetwork`."""
-    from envs.interface import continuous_kernels_of  # Gymnasium loads with envs
-
-    return continuous_kernels_of(environment) if behaves_as(policy, NormalizedGaussianNetwork) else None
 
 
 def require_one_class(environment: Any, policy: Policy, average: str | Sequence[str]) -> None:
