@@ -4,6 +4,7 @@ from .exact_gradient import ExactGradient, FiniteMDP
 from .gpomdp import GPOMDP
 from .interface import Estimate, Estimation, GradientEstimator
 from .konda_actor_critic import KondaActorCritic
+from .sampling import Sampling, SamplingEstimator
 
 __all__ = [
     "GPOMDP",
@@ -13,4 +14,6 @@ __all__ = [
     "FiniteMDP",
     "GradientEstimator",
     "KondaActorCritic",
+    "Sampling",
+    "SamplingEstimator",
 ]
