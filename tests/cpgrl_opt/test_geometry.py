@@ -49,37 +49,6 @@ def length(problem, d):
     return np.sqrt(d @ as_matrix(problem.metric, problem.n) @ d)
 
 
-def cpo_closed_form(g, a, c, H, delta):
-    """max gᵀx s.t. aᵀx ≥ −c, ½xᵀHx ≤ δ: Achiam et al. 2017, §6.1 and Theorem 2, in reward form (a ↦ −b of theirs)."""
-    Hg, Ha = np.linalg.solve(H, g), np.linalg.solve(H, a)
-    q, r, s = g @ Hg, g @ Ha, a @ Ha
-    if c * c / s - 2 * delta > 0:
-        return Hg * np.sqrt(2 * delta / q) if c > 0 else None  # the plane misses the ball
-    free = Hg * np.sqrt(2 * delta / q)
-    if a @ free >= -c:
-        return free
-    lam = np.sqrt((q - r * r / s) / (2 * delta - c * c / s))
-    nu = (-lam * c - r) / s
-    return (Hg + nu * Ha) / lam
-
-
-@pytest.mark.parametrize("c", [0.0, 0.3, -0.3])
-@given(seed=SEEDS)
-@FAST
-def test_one_constraint_is_cpos_closed_form(c, seed):
-    rng = np.random.default_rng(seed)
-    H, delta = random_metric(rng, 5, "matrix"), 0.5 * rng.uniform(0.1, 2.0)
-    g, a = rng.standard_normal(5), rng.standard_normal(5)
-    problem = DirectionProblem(g, [a], -c, metric=H, radius=np.sqrt(2 * delta))
-    expected = cpo_closed_form(g, a, c, H, delta)
-    if expected is None:
-        assert ACTIVE_SET.solve(problem).status == Status.INFEASIBLE
-        return
-    found = certified(problem).value
-    gap = abs(abs(c) / np.sqrt(a @ np.linalg.solve(H, a)) / np.sqrt(2 * delta) - 1.0)
-    assert length(problem, found - expected) <= 1e-9 * problem.radius / max(gap, 1e-6)
-
-
 @pytest.mark.parametrize("kind", ["vector", "matrix"])
 @given(seed=SEEDS)
 @FAST
