@@ -4,12 +4,14 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
 from cpgrl_opt.validation import require_count, require_member
 
+from ..experiments.workers import WorkerDiedError
 from ..parallel import end_with
 
 Item = TypeVar("Item")
@@ -44,6 +46,8 @@ def unordered(
         For an unknown engine, or no job.
     MissingEngineError
         Where its package is missing.
+    WorkerDiedError
+        Where a process of loky ends without an answer.
     """
     require_engine(engine, jobs)
     if engine == "loky" and min(jobs, len(items)) <= 1:
@@ -60,8 +64,14 @@ def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, j
         hand_over = Parallel(return_as="list")._backend.supports_return_generator
         workers = stack.enter_context(Parallel(return_as="generator_unordered" if hand_over else "list"))
         size = len(items) if hand_over else _ROUND * workers._effective_n_jobs()
-        for start in range(0, len(items), size):
-            yield from workers(delayed(_carry_out)(task, item, os.getpid()) for item in items[start : start + size])
+        try:
+            for start in range(0, len(items), size):
+                yield from workers(delayed(_carry_out)(task, item, os.getpid()) for item in items[start : start + size])
+        except BrokenProcessPool as error:
+            raise WorkerDiedError(
+                "a worker process should answer or raise; one was killed, or wanted more memory than there is. What "
+                "ended before is kept, and the same call goes on from there"
+            ) from error
 
 
 def _carry_out(task: Callable[[Any], Any], item: Any, parent: int) -> Any:
@@ -84,7 +94,9 @@ def _dask(jobs: int) -> Iterator[None]:
         try:
             get_client()
         except ValueError:  # nobody is connected to a cluster
-            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+            cluster = LocalCluster(
+                n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+            )
             stack.enter_context(Client(stack.enter_context(cluster)))
         yield
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 from envs import ThreeStateMDP
 from rl import CPGRL, GPOMDP, SoftmaxTable, Sweep, sweep, train
+from rl.experiments.workers import WorkerDiedError
 from rl.sweeps.curves import draw_curves, learning_curves
 
 GRID = {"solver": ["rosen", "active-set"], "threshold": [-0.1, 0.0]}
@@ -72,6 +74,18 @@ def test_two_processes_make_the_same_bytes(training, tmp_path):
     for jobs in (1, 2):
         sweep(training, GRID, seeds=2, out=tmp_path / str(jobs), jobs=jobs)
     assert (tmp_path / "1" / "sweep.csv").read_bytes() == (tmp_path / "2" / "sweep.csv").read_bytes()
+
+
+def test_a_worker_that_dies_is_an_error_that_loses_nothing(training, tmp_path):
+    def deadly(solver, threshold, seed):
+        if seed == 6:
+            os._exit(7)
+        return training(solver, threshold, seed)
+
+    with pytest.raises(WorkerDiedError, match="What ended before is kept"):
+        sweep(deadly, {"solver": ["rosen"], "threshold": [-0.1]}, seeds=7, out=tmp_path, jobs=2)
+    assert b"value" in (tmp_path / "outcomes.jsonl").read_bytes()
+    assert not (tmp_path / "sweep.csv").exists()
 
 
 def test_it_trains_only_what_is_new_and_what_failed(counted, tmp_path):
