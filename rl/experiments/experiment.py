@@ -141,6 +141,11 @@ class Experiment(ABC):
     def begin(self, case: Any, runs: Sequence[int], observe: Observer | None = None) -> tuple[Training, CaseRecorder]:
         """These runs of a training, and who records it; observe: sees the direction problems if they are kept."""
 
+    @staticmethod
+    def measure(record: TrainingRecord) -> dict[str, np.ndarray]:
+        """What a sweep records: arrays (R, 1 + m) by name."""
+        return {"value": record.estimate.values}
+
     def prepare(self, case: Any) -> None:  # noqa: ARG002 - for those that need less
         """Compiles what the training may need, before its clock runs."""
         compile_kernels()

@@ -30,7 +30,11 @@ def run_sweep(target: str, over: Sequence[str], out: Path, **asked: Any) -> tupl
     import matplotlib  # noqa: F401 - refuses a wrong MPLBACKEND before the trainings rather than after them
 
     settings = dict(map(parse_setting, over))
-    training = _experiment_training(target, settings) if target in EXPERIMENTS else _function(target)
+    if target in EXPERIMENTS:
+        asked["measure"] = experiment_named(target).measure
+        training = _experiment_training(target, settings)
+    else:
+        training = _function(target)
     with ProgressBars({"trainings": len(combinations(settings)) * len(asked["seeds"])}) as bars:
 
         def listen(done: int, _: int, outcome: Outcome) -> None:  # noqa: ARG001 - of an outcome only that it is there

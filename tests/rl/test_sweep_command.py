@@ -36,7 +36,9 @@ def test_an_experiments_trainings_and_settings_are_swept(tmp_path):
     assert "Wrote sweep.csv, curves.csv, curves.png into" in found.stdout
     with (tmp_path / TABLE).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [*rows[0]][:4] == ["episodes", "steps", "training", "thresholds"]
+    assert [*rows[0]] == [
+        "episodes", "steps", "training", "thresholds", "seed", "run", "episode", "channel", "value", "exact", "error"
+    ]  # fmt: skip
     assert {(row["training"], tuple(json.loads(row["thresholds"])), row["seed"]) for row in rows} == {
         (training, thresholds, seed)
         for training in ("cpgrl", "sum") for thresholds in ((0, 0, 0), (-0.1, 0, 0)) for seed in ("3", "5")

@@ -22,14 +22,14 @@ from envs.tabular import ConstrainedOptimum
 from ...estimators import GPOMDP
 from ...learners import CPGRL, ConstraintSwitching, Learner, WeightedSum
 from ...policies import SoftmaxTable
-from ...training import Training, uniform_parameters
+from ...training import Training, TrainingRecord, uniform_parameters
 from .. import solver_cases
 from ..bootstrap import spread
 from ..claims import Claim
 from ..comparison import Comparison
 from ..experiment import CaseRecorder, Experiment, Figures, Results, TrainingCase, option
 from .claims import STATEMENTS, Evidence
-from .curves import MDP, AveragesRecorder, LearningCurves
+from .curves import MDP, AveragesRecorder, LearningCurves, exact_averages
 from .figures import averages_figure, policies_figure
 from .tables import ComparedRecorder, TimedLearner, solver_table, tolerance_table
 
@@ -160,6 +160,11 @@ class ThreeStateExperiment(Experiment):
     def common(self) -> int:
         """Updates that every training compared has."""
         return min(case.episodes for case in self.compared)
+
+    @staticmethod
+    def measure(record: TrainingRecord) -> dict[str, np.ndarray]:
+        """ρ̂, and the true averages of the policy after the update."""
+        return {"value": record.estimate.values, "exact": exact_averages(record.parameters)[0]}
 
     def begin(
         self, case: ThreeStateCase, runs: Sequence[int], observe: Observer | None = None
