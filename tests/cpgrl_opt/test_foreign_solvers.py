@@ -19,7 +19,7 @@ from cpgrl_opt import (
     WithGeometry,
     kkt_residuals,
 )
-from cpgrl_opt.comparison import worker
+from cpgrl_opt.comparison import bench
 from cpgrl_opt.comparison.contestants import Contestant
 from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.comparison.replay import replay
@@ -109,14 +109,14 @@ def test_what_such_a_solver_claims_is_rejected_wherever_it_is_asked(kind):
 @BOTH
 def test_a_comparison_judges_by_the_problem_as_it_was(kind, monkeypatch):
     solver = kind(divide_by_blas)
-    monkeypatch.setattr(worker, "contestant", lambda *_: Contestant(solver.solve, lambda _: True))
+    monkeypatch.setattr(bench, "contestant", lambda *_: Contestant(solver.solve, lambda _: True))
     problem = DirectionProblem([1.0, 0.0], [[0.0, 10.0]], [1.0])
-    bench = worker.Bench()
-    monkeypatch.setattr(bench, "problem", lambda *_: worker.Drawn(problem, True, None))
-    order = worker.Order("active-set", "prepared", "random-3", 0, 0, 1.0, 1)
-    monkeypatch.setattr(worker, "family_named", lambda _: None)
-    [_, measured] = bench.carry_out(order, SimpleNamespace(grew=lambda: False))
-    assert measured.outcome == "silently-wrong"
+    at = bench.Bench()
+    monkeypatch.setattr(at, "problem", lambda *_: bench.Drawn(problem, True, None))
+    order = bench.Order("active-set", "prepared", "random-3", 0, 0, 1.0, 1)
+    monkeypatch.setattr(bench, "family_named", lambda _: None)
+    at.prepare(order)
+    assert at.measure(order).outcome == "silently-wrong"
     np.testing.assert_array_equal(problem.jacobian, [[0.0, 10.0]])
 
 
