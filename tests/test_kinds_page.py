@@ -1,8 +1,6 @@
 """docs/kinds.md: its example runs, its kinds are taken, and its numbers are those of the code."""
 
 import re
-import subprocess
-import sys
 import textwrap
 from collections import namedtuple
 from pathlib import Path
@@ -84,9 +82,3 @@ def test_kinds_of_the_table_are_answered_in_their_form(kind):
     np.testing.assert_allclose(problem.row_of(answer.value), solve(DirectionProblem(G, J, B)).value, atol=2.0**-7)
     listed = DirectionProblem(form(G), [form(row) for row in J], B)
     np.testing.assert_array_equal(listed.row_of(solve(listed).value), problem.row_of(answer.value))
-
-
-def test_neither_pytorch_nor_jax_is_imported():
-    code = "import sys, cpgrl_opt, cpgrl_opt.vectors; print([n for n in ('torch', 'jax') if n in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -1,7 +1,5 @@
 """The kernels' interpreted form gives the compiled form's bits, and gives way to it when there is work."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -46,19 +44,6 @@ def test_both_forms_give_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatc
 
 def test_both_forms_give_the_same_bits_at_the_ends_of_float64(monkeypatch: pytest.MonkeyPatch) -> None:
     assert answers(NOT_FINITE, 10**9, monkeypatch) == answers(NOT_FINITE, 0, monkeypatch)
-
-
-def test_the_first_problems_of_a_process_need_no_compiler() -> None:
-    code = """
-import sys
-from cpgrl_opt import SOLVERS, DirectionProblem, Status
-for name in ("active-set", "rosen"):
-    assert SOLVERS[name].solve(DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], equality=True)).status == Status.OPTIMAL
-opposing = DirectionProblem([1.0, 2.0], [[1.0, 0.0], [-1.0, 0.0]], [1.0, 1.0])
-assert SOLVERS["active-set"].solve(opposing).status == Status.INFEASIBLE
-assert "numba" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def counting(form: list[str], name: str) -> Callable[[np.ndarray], str]:

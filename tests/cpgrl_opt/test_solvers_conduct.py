@@ -185,19 +185,22 @@ def test_a_missing_package_is_told_by_worker_processes_too(error: MissingPackage
     assert str(arrived) == str(error) != ""
 
 
-def test_importing_the_solvers_is_light() -> None:
-    heavy = (
-        "numba",
-        "scipy",
-        "osqp",
-        "qpsolvers",
-        "cvxpy",
-        "matplotlib",
-        "jaxtyping",
-        *OPTIONAL,
-        "proxsuite",
-        "highspy",
-    )
-    code = f"import sys, cpgrl_opt.solvers; print([name for name in {heavy} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+HEAVY = ("numba", "scipy", "qpsolvers", "cvxpy", "matplotlib", "jaxtyping", "torch", "jax", "osqp", *OPTIONAL)
+FIRST_PROBLEMS = f"""
+import sys
+import numpy as np
+import cpgrl_opt, cpgrl_opt.solvers, cpgrl_opt.vectors
+from cpgrl_opt import SOLVERS, DirectionProblem, Status
+from cpgrl_opt.arrays import Vector
+assert Vector is np.ndarray  # without jaxtyping, shapes are no types
+assert [name for name in {(*HEAVY, "proxsuite", "highspy")} if name in sys.modules] == []
+for name in ("active-set", "rosen"):
+    assert SOLVERS[name].solve(DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], equality=True)).status == Status.OPTIMAL
+opposing = DirectionProblem([1.0, 2.0], [[1.0, 0.0], [-1.0, 0.0]], [1.0, 1.0])
+assert SOLVERS["active-set"].solve(opposing).status == Status.INFEASIBLE
+assert "numba" not in sys.modules
+"""
+
+
+def test_importing_is_light_and_the_first_problems_of_a_process_need_no_compiler() -> None:
+    subprocess.run([sys.executable, "-c", FIRST_PROBLEMS], check=True)
