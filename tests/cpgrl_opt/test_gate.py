@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -29,6 +30,7 @@ from cpgrl_opt import (
 from cpgrl_opt.published import PUBLISHED
 from cpgrl_opt.solvers import ActiveSet
 from cpgrl_opt.testing import FunctionSolver
+from cpgrl_opt.validation import require_within
 
 GOOD = {
     "gradient": [1.0, 2.0],
@@ -164,6 +166,18 @@ def test_settings_of_solvers_are_checked_on_construction(solver):
 def test_settings_of_steps_are_checked_on_construction(settings, message):
     with pytest.raises(ValueError, match=message):
         ConstrainedStep(**settings)
+
+
+@pytest.mark.parametrize(
+    ("interval", "taken", "refused"),
+    [("[0, 1)", [0, 0.5], [-0.1, 1, np.nan, "0"]), ("(0, 1]", [0.5, 1], [0, 1.5]), ("(0, inf)", [1e300], [0, np.inf])],
+)
+def test_the_ends_of_an_interval_are_taken_where_it_is_closed(interval, taken, refused):
+    for value in taken:
+        require_within("rate", value, interval)
+    for value in refused:
+        with pytest.raises(ValueError, match=rf"rate should be in {re.escape(interval)}; found"):
+            require_within("rate", value, interval)
 
 
 PROBLEM = DirectionProblem([1.0, 2.0], [[1.0, 0.0], [0.0, 1.0]])
