@@ -16,7 +16,9 @@ import pickle
 import signal
 import sys
 import traceback
-from typing import Any
+from collections.abc import Callable
+from functools import partial
+from typing import Any, BinaryIO
 
 # A signal that nothing else uses: the caller sends it at the limit, to read where the code is.
 WHERE = getattr(signal, "SIGUSR1", None)
@@ -34,18 +36,24 @@ def serve() -> None:
         faulthandler.register(WHERE)
     with contextlib.suppress(EOFError, OSError):
         subject = None
+        send = partial(_send, outgoing)
         while True:
             order = pickle.load(incoming)
-            subject, reply = _carry_out(order, subject)
-            pickle.dump(reply, outgoing)
-            outgoing.flush()
+            subject, reply = _carry_out(order, subject, lambda message: send(pickle.dumps((None, message))))
+            send(reply)
 
 
-def _carry_out(order: bytes, subject: Any) -> tuple[Any, bytes]:
+def _send(outgoing: BinaryIO, reply: bytes) -> None:
+    pickle.dump(reply, outgoing)
+    outgoing.flush()
+
+
+def _carry_out(order: bytes, subject: Any, report: Callable[[Any], None]) -> tuple[Any, bytes]:
     """The object afterwards, and pickled (whether it came back, what came back or was raised)."""
     answer: Any
     try:
-        function, arguments = pickle.loads(order)
+        function, arguments, reports = pickle.loads(order)
+        arguments = (*arguments, report) if reports else arguments
         if function == "start":
             subject, answer = _start(*arguments), os.getpid()
         elif function == "attribute":

@@ -56,6 +56,8 @@ class Isolated:
         Bytes that the process may allocate; None for as many as there are. Only Linux keeps it.
     environment
         Variables that the process has besides this one's.
+    is_heard
+        Whether what it prints goes to this process's standard error, and not into a file that nobody else sees.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Isolated:
         time_limit: float = 30.0,
         memory_limit: int | None = None,
         environment: Mapping[str, str] | None = None,
+        is_heard: bool = False,
     ) -> None:
         import cloudpickle  # takes what is defined in __main__, and functions of functions
 
@@ -81,8 +84,8 @@ class Isolated:
         self.time_limit, self.memory_limit = time_limit, memory_limit
         self.losses = 0  # processes that hung or crashed
         self._seconds: deque[float] = deque(maxlen=100)  # of the last calls that were answered
-        self._environment = dict(environment or {})
-        self._start = pickle.dumps(("start", (memory_limit, cloudpickle.dumps(make or (lambda: solver)))))
+        self._environment, self._is_heard = dict(environment or {}), is_heard
+        self._start = pickle.dumps(("start", (memory_limit, cloudpickle.dumps(make or (lambda: solver))), False))
         self._first: bytes | None = None
         self._process: _Process | None = None
         self._lock = threading.RLock()
@@ -93,7 +96,7 @@ class Isolated:
 
         For what is slow once and should not count in a call: imports, compiling.
         """
-        self._first = pickle.dumps((function, ()))
+        self._first = pickle.dumps((function, (), False))
 
     @property
     def usual_seconds(self) -> float:
@@ -110,18 +113,20 @@ class Isolated:
         *arguments: Any,
         time_limit: float | None = None,
         cpu_limit: float = 0.0,
+        listen: Callable[[Any], None] | None = None,
     ) -> Any:
         """function(object, *arguments) in the process, which imports the function by its name; of ".name", the method.
 
-        time_limit: seconds, in place of the usual; cpu_limit: of processor time, 0 for no such limit.
+        time_limit: seconds, in place of the usual; cpu_limit: of processor time, 0 for no such limit. listen: hears,
+        here and meanwhile, what the function sends by the one more argument, report(message), that it then gets.
         """
         limit = self.time_limit if time_limit is None else time_limit
-        order = pickle.dumps((function, arguments))
+        order = pickle.dumps((function, arguments, listen is not None))
         with self._lock:
             process = self._running()
             start = monotonic()
             try:
-                came_back, answer = process.ask(order, limit, cpu_limit)
+                came_back, answer = process.ask(order, limit, cpu_limit, listen)
             except BaseException as lost:  # Ctrl-C too: its answer would be taken for that to the next order
                 self._lose(lost)
                 raise
@@ -161,7 +166,7 @@ class Isolated:
         if self._is_closed:
             raise CrashError("the end of the process, which was closed")
         if self._process is None:
-            self._process = process = _Process(os.environ | _ANY_TEXT | self._environment)
+            self._process = process = _Process(os.environ | _ANY_TEXT | self._environment, self._is_heard)
             self._finalizer = weakref.finalize(self, process.end)
             try:
                 process.start(self._start, self._first)
@@ -192,18 +197,18 @@ def call(function: Callable[..., Any], *arguments: Any, time_limit: float, memor
 class _Process:
     """One process, its pipes, the thread that waits for them, and the file of what it prints."""
 
-    def __init__(self, environment: Mapping[str, str]) -> None:
+    def __init__(self, environment: Mapping[str, str], is_heard: bool) -> None:
         self._output: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115 - `end` closes it
         self.group = ProcessGroup(
             [sys.executable, "-P", _worker.__file__, *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._output,
+            stderr=None if is_heard else self._output,
             env=environment,
         )
         self._pid = 0
         self._orders: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        self._replies: queue.SimpleQueue[tuple[bool, Any] | None] = queue.SimpleQueue()
+        self._replies: queue.SimpleQueue[tuple[bool | None, Any] | None] = queue.SimpleQueue()
         process: Any = self.group.process
         exchange = self._orders, self._replies, process.stdin, process.stdout
         self._thread = threading.Thread(target=_exchange, args=exchange, daemon=True)
@@ -213,12 +218,14 @@ class _Process:
         """Has the object made, and whatever else comes first done. Raises what these do."""
         for order in orders:
             if order is not None:
-                came_back, answer = self.ask(order, START_LIMIT, 0.0)
+                came_back, answer = self.ask(order, START_LIMIT)
                 if not came_back:
                     raise answer
                 self._pid = self._pid or answer
 
-    def ask(self, order: bytes, time_limit: float, cpu_limit: float) -> tuple[bool, Any]:
+    def ask(
+        self, order: bytes, time_limit: float, cpu_limit: float = 0.0, listen: Callable[[Any], None] | None = None
+    ) -> tuple[bool | None, Any]:
         """(True, the answer to an order), or (False, the exception raised there). Raises HangError, CrashError."""
         self._orders.put(order)
         start, used = monotonic(), cpu_seconds(self._pid) if cpu_limit else 0.0
@@ -226,7 +233,10 @@ class _Process:
         while True:
             try:
                 reply = self._replies.get(timeout=_LOOK_EVERY)
-                break
+                if reply is None or reply[0] is not None or listen is None:
+                    break
+                listen(reply[1])
+                continue
             except queue.Empty:
                 pass
             if is_over:  # somebody else holds its pipe
@@ -291,7 +301,7 @@ class _Process:
 
 def _exchange(
     orders: "queue.SimpleQueue[bytes | None]",
-    replies: "queue.SimpleQueue[tuple[bool, Any] | None]",
+    replies: "queue.SimpleQueue[tuple[bool | None, Any] | None]",
     stdin: BinaryIO,
     stdout: BinaryIO,
 ) -> None:
@@ -300,12 +310,14 @@ def _exchange(
         while (order := orders.get()) is not None:
             pickle.dump(order, stdin)
             stdin.flush()
-            pickled = pickle.load(stdout)
-            try:
-                reply = pickle.loads(pickled)
-            except Exception as error:  # of a class that cannot be imported here
-                reply = False, error
-            replies.put(reply)
+            reply: tuple[bool | None, Any] = None, None
+            while reply[0] is None:  # a report
+                pickled = pickle.load(stdout)
+                try:
+                    reply = pickle.loads(pickled)
+                except Exception as error:  # of a class that cannot be imported here
+                    reply = False, error
+                replies.put(reply)
     except Exception:  # an end in the middle of a message has many names
         replies.put(None)
 

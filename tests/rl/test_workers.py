@@ -56,7 +56,7 @@ def no_process_is_left(monkeypatch):
         started.append(ProcessGroup(*arguments, **settings))
         return started[-1]
 
-    monkeypatch.setattr("rl.experiments.workers.ProcessGroup", start)
+    monkeypatch.setattr("cpgrl_opt.isolation.isolated.ProcessGroup", start)
     yield
     assert all(group.process.returncode is not None for group in started)
 
@@ -74,7 +74,7 @@ def test_a_tasks_exception_is_raised_here(processes):
     with pytest.raises(TypeError) as caught:
         run_tasks(operator.truediv, [1, 2], print, processes=processes)  # a number by a function
     if processes == 2:
-        assert any("in a worker process" in note for note in caught.value.__notes__)
+        assert any("in another process" in note for note in caught.value.__notes__)
 
 
 def test_a_worker_that_dies_is_an_error_not_a_hang():
