@@ -96,7 +96,9 @@ class Isolated:
 
         For what is slow once and should not count in a call: imports, compiling.
         """
-        self._first = pickle.dumps((function, (), False))
+        is_new, self._first = self._first is None, pickle.dumps((function, (), False))
+        if is_new and self._process is not None:
+            self.apply(function, time_limit=START_LIMIT)
 
     @property
     def usual_seconds(self) -> float:

@@ -168,8 +168,6 @@ def check_direction_solver(
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):
         require_member("check", name, tuple(LAWS))
-    if isinstance(solver, Isolated):
-        solver.begin_with(_get_ready)
     tolerance = tolerance_of(solver)
     results: list[CheckResult] = []
     lost = 0
@@ -212,6 +210,8 @@ def check_law(
 
     spelled: statements and the expression by which a counterexample gets the solver; else it is left to the reader.
     """
+    if isinstance(solver, Isolated):
+        solver.begin_with(_get_ready)
     tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
     try:
         cases = solver.apply(_cases, law.name) if isinstance(solver, Isolated) else law.applies_to(solver)
