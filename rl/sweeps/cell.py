@@ -20,6 +20,7 @@ from ..training import TrainingRecord
 
 TrainingFunction = Callable[..., Iterable[TrainingRecord]]
 Measure = Callable[[TrainingRecord], Mapping[str, Any]]
+OURS = ("seed", "run", "episode", "channel", "error")  # columns that are neither settings nor measures
 _PACKAGES = ("numpy", "scipy", "numba", "gymnasium")  # whose versions may change a number
 
 
@@ -62,6 +63,8 @@ def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Ce
             raise ValueError("a training should have one episode at least; found none")
         recorded.setdefault(reached, _measured(measure, last))
         values = _stacked(recorded)
+        if taken := [name for name in values if name in (*cell.settings, *OURS)]:
+            raise ValueError(f"measure should have names of its own; found {', '.join(taken)}")
     except Exception as error:
         return Outcome(
             cell.key, error=" ".join(f"{type(error).__name__}: {error}".split()), reached=reached, seconds=_since(begun)

@@ -9,7 +9,8 @@ import numpy as np
 from cpgrl_opt.comparison.whole_file import whole_file
 
 from ..experiments.bootstrap import interquartile_mean_intervals, mean_intervals
-from .sweep import OURS, Sweep
+from .cell import OURS
+from .sweep import Sweep
 
 STATISTICS = ("mean", "iqm")
 _RESAMPLES = 2000  # an interval's end then moves by about 2 % of its length from seed to seed

@@ -8,15 +8,15 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cpgrl_opt.validation import require_count
 
 from ..streams import run_indices
 from ..training import TrainingRecord
-from .cell import Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, key_of
+from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, key_of
 from .engines import require_engine, unordered
 from .store import rows_of, store
-
-OURS = ("seed", "run", "episode", "channel", "error")
 
 
 def estimates(record: TrainingRecord) -> dict[str, Any]:
@@ -101,8 +101,10 @@ def sweep(
     _require_taken(training, points)
     context = context_of(training, measure, every)
     cells = [Cell(point, seed, key_of(point, seed, context)) for point in points for seed in _seeds(seeds)]
+    if len({cell.key for cell in cells}) < len(cells):
+        raise ValueError(f"settings should differ in numbers, texts, names or classes; found two alike in {settings!r}")
     with store(None if out is None else Path(out), anew=anew) as kept:
-        missing = list({cell.key: cell for cell in cells if cell.key not in kept.found}.values())
+        missing = [cell for cell in cells if cell.key not in kept.found]
         ended = dict(kept.found)
         done = len(cells) - len(missing)
         for outcome in unordered(partial(carry_out, training, measure, every), missing, engine=engine, jobs=jobs):
@@ -120,6 +122,7 @@ def sweep(
 def combinations(settings: Any) -> list[dict[str, Any]]:
     """Of `settings` as `sweep` takes it; ValueError unless all have the same names."""
     if isinstance(settings, Mapping):
+        settings = {name: _listed(values) for name, values in settings.items()}
         for name, values in settings.items():
             if isinstance(values, str) or not isinstance(values, Sequence) or not values:
                 raise ValueError(f"settings[{name!r}] should be a list of values, one at least; found {values!r}")
@@ -133,6 +136,10 @@ def combinations(settings: Any) -> list[dict[str, Any]]:
     return points
 
 
+def _listed(values: Any) -> Any:
+    return values.tolist() if isinstance(values, np.ndarray) else values
+
+
 def _is_listed(settings: Any) -> bool:
     return isinstance(settings, Sequence) and all(isinstance(point, Mapping) for point in settings)
 
@@ -143,7 +150,7 @@ def _require_taken(training: Any, points: Sequence[Mapping[str, Any]]) -> None:
     try:
         inspect.signature(training).bind(**points[0], seed=0)
     except TypeError as error:
-        names = ", ".join([*points[0], "seed"])
+        names = ", ".join([*map(str, points[0]), "seed"])
         raise ValueError(f"training should take {names}: {error}") from error
 
 

@@ -141,6 +141,9 @@ def test_other_measures_are_columns_and_other_settings_text(training):
         ({"settings": 3}, "dicts of the same names"),
         ({"settings": {"rate": [1]}}, "training should take rate, seed"),
         ({"settings": {"channel": [1]}}, "should not be named"),
+        ({"settings": {"solver": ["rosen"], "threshold": [0, 0]}}, "settings should differ"),
+        ({"settings": {"solver": [lambda: 1, lambda: 2], "threshold": [0]}}, "settings should differ"),
+        ({"settings": {3: [1]}}, "training should take 3, seed"),
         ({"seeds": [1, 1]}, "seeds should be indices that differ"),
         ({"every": 0}, "every should be"),
         ({"jobs": 0}, "jobs should be"),
@@ -158,14 +161,18 @@ def test_bad_input_is_refused(training, changed, words):
 
 @pytest.mark.parametrize(
     ("episodes", "measured", "words"),
-    [(0, [[1.0]], "one episode at least"), (1, [1.0], "measure should return arrays (1, channels)")],
+    [
+        (0, {"value": [[1.0]]}, "one episode at least"),
+        (1, {"value": [1.0]}, "measure should return arrays (1, channels)"),
+        (1, {"seed": [[1.0]]}, "measure should have names of its own; found seed"),
+    ],
 )
 def test_a_training_without_a_record_is_an_error_of_its_own(episodes, measured, words):
     def none(seed):
         learner = CPGRL(ConstrainedStep(), [0.0] * 3)
         return train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(), learner, episodes=episodes, runs=1, seed=seed)
 
-    (row,) = sweep(none, {}, seeds=1, measure=lambda _: {"value": measured}).rows
+    (row,) = sweep(none, {}, seeds=1, measure=lambda _: measured).rows
     assert words in row["error"]
 
 
