@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, DirectionProblem
-from cpgrl_opt.comparison.export import COLUMNS, _distinct, export_recording, write_test_set
+from cpgrl_opt.comparison.export import COLUMNS, export_recording, write_test_set
 from cpgrl_opt.comparison.recording import Recording, shipped_recording
 
 PROBLEMS = [
@@ -62,11 +62,6 @@ def test_without_pyarrow_the_message_is_what_to_type(tmp_path, monkeypatch):
         write_test_set(PROBLEMS[:1], ["x"], tmp_path / "set.parquet")
 
 
-def test_problems_without_a_name_each_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="names should be 6, one for each problem; found 1"):
-        write_test_set(PROBLEMS, ["x"], tmp_path / "set.parquet")
-
-
 def test_a_trust_region_is_no_quadratic_program(tmp_path):
     with pytest.raises(ValueError, match="should have no radius"):
         write_test_set([DirectionProblem([1.0], [[1.0]], radius=1.0)], ["x"], tmp_path / "set.parquet")
@@ -92,10 +87,6 @@ def test_problems_of_one_update_have_names_that_differ(tmp_path):
     assert [name for name, _ in read] == again[0] + again[1]
     assert [arrays["q"][0] for _, arrays in read] == [-2.0 * k for k in range(12)]
     assert [path.name for path in tmp_path.iterdir()] == ["set.parquet"]
-
-
-def test_a_number_after_a_name_takes_no_other_problem_s_name():
-    assert _distinct(["x", "x", "x-2", "x", "y"]) == ["x", "x-3", "x-2", "x-4", "y"]
 
 
 def test_one_name_for_two_problems_is_refused(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, kkt_residuals
+from cpgrl_opt import SOLVERS, ConstrainedStep, Linearization, Status, kkt_residuals
 from cpgrl_opt.comparison.recorder import Recorder, stretches
 from cpgrl_opt.comparison.recording import PARTS, Recording, joined, load_recording, shipped_recording
 from cpgrl_opt.comparison.replay import recorded_family, replay
@@ -146,11 +146,3 @@ def test_a_family_of_balls_says_which_of_its_problems_are_feasible() -> None:
     assert not family.feasible
     wide = replace(recording, radius=np.full(len(recording), 1e3))
     assert recorded_family(wide, "wide").feasible
-
-
-def test_a_radius_of_its_own_is_kept_by_whoever_makes_a_recording() -> None:
-    one = shipped_recording("arm").chosen(slice(0, 2))
-    both = replace(one, radius=np.array([0.5, np.inf]))
-    assert [problem.radius for problem in both.problems] == [0.5, None]
-    assert isinstance(both.as_inequalities().problems[0], DirectionProblem)
-    assert both.as_inequalities().radii.tolist() == [0.5, np.inf]

@@ -44,27 +44,18 @@ def npy(array, shape=None, descr=None):
 HEADERS = {
     "cut short": ({"gradient": npy(TINY.gradient)[:60]}, "gradient without a header"),
     "without axes": ({"gradient": npy(np.array(1.0))}, r"gradient of shape \(\)"),
-    "rows without axes": ({"run": npy(np.array(1))}, r"run of shape \(\)"),
     "of 8 TB": (
         {"gradient": npy(TINY.gradient, shape=(1_000_000, 1_000_000))},
         "gradient whose header speaks of 8000000000000 bytes",
     ),
     "of too little": ({"gradient": npy(TINY.gradient, shape=(1, 1))}, "speaks of 8 bytes"),
-    "of less than nothing": ({"run": npy(TINY.run, shape=(-6,))}, r"run of shape \(-6,\)"),
     "of another type": ({"run": npy(TINY.run, descr="<f8")}, "run of type float64"),
-    "of another byte order": ({"run": npy(TINY.run, descr=">i8")}, "run of type >i8"),
-    "of fields": ({"run": npy(TINY.run, descr=[("a", "<i8")])}, "run of type"),
     "of objects": ({"run": npy(TINY.run, descr="|O")}, "run of type object"),
     "nested too deep": (
         {"run": b"\x93NUMPY\x01\x00" + (9000).to_bytes(2, "little") + b"(" * 9000},
         "run without a header",
     ),
-    "of text without end": ({"selection": npy(np.array("x" * 300_000))}, "bytes of text in selection"),
     "of text that is no Unicode": ({"selection": npy(np.array("\ud800"))}, "codec can't decode"),
-    "of text beyond Unicode": (
-        {"selection": npy(np.array([0x7FFFFFFF], np.uint32).reshape(()), descr="<U1")},
-        "codec can't decode",
-    ),
 }
 
 
@@ -125,14 +116,14 @@ def test_damage_of_any_kind_ends_in_a_recording_or_in_a_value_error(members, tmp
     rng = np.random.default_rng(0)
     path = tmp_path / "damaged.npz"
     refused = 0
-    for _ in range(300):
+    for _ in range(120):
         path.write_bytes(damaged(members, rng))
         try:
             assert len(load_recording(path)) == len(TINY)
         except ValueError as error:
             assert str(path) in str(error)  # noqa: PT017 - both outcomes are right
             refused += 1
-    assert 150 < refused < 300
+    assert 60 < refused < 120
 
 
 BOMB = """
@@ -149,7 +140,7 @@ except ValueError as error:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc and limits memory")
-@pytest.mark.parametrize(("name", "what"), [("junk", "what no recording has"), ("gradient", "bytes that unpack to")])
+@pytest.mark.parametrize(("name", "what"), [("gradient", "bytes that unpack to")])
 def test_a_small_file_that_unpacks_to_much_is_refused_in_little_memory(name, what, members, tmp_path):
     path = tmp_path / "bomb.npz"
     rows = 150_000

@@ -60,12 +60,6 @@ def printed_stop_rule(problem):
         active[lam.argmax()] = False
 
 
-def short_rows_ignored(problem):
-    if np.linalg.norm(problem.jacobian) < 1e-2:
-        return claimed(problem.gradient, np.zeros(problem.m))
-    return CORRECT.solve(problem)
-
-
 def gram_without_row_scaling(problem):
     """The right active set, then pinv(J Jᵀ) of the raw rows."""
     answer = CORRECT.solve(problem)
@@ -115,11 +109,6 @@ def infeasible_with_proof_and_the_gradient(problem):
 
 def not_a_number(problem):
     return claimed(np.full(problem.n, np.nan), np.zeros(problem.m))
-
-
-def prints(problem):
-    print("Optimal solution found!")  # noqa: T201 - the fault
-    return CORRECT.solve(problem)
 
 
 def writes_from_c(problem):
@@ -175,19 +164,6 @@ def inverse_metric_forgotten(problem):
     return CORRECT.solve(DirectionProblem(g, problem.jacobian, problem.bound, problem.equality, problem.metric))
 
 
-def metric_ignored(problem):
-    return CORRECT.solve(DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality))
-
-
-def one_row_after_the_other(problem):
-    """A product of projections, which is none where rows are not orthogonal."""
-    d = problem.gradient.copy()
-    for row in problem.jacobian[problem.jacobian.any(axis=1)]:
-        unit = row / np.linalg.norm(row)
-        d -= (unit @ d) * unit
-    return claimed(d, np.zeros(problem.m))
-
-
 def basic_restoration(problem):
     """Of J v = b the solution with fewest entries for the shortest."""
     if problem.gradient.any() or not problem.m:
@@ -196,17 +172,6 @@ def basic_restoration(problem):
     v = np.zeros(problem.n)
     v[columns] = np.linalg.lstsq(problem.jacobian[:, columns], problem.bound, rcond=None)[0]
     return claimed(v, np.zeros(problem.m))
-
-
-def restoration_with_a_bit_of_tangent(problem):
-    """J⁺b + 0.01‖J⁺b‖ P(1, 2, …)/‖P(1, 2, …)‖."""
-    answer = CORRECT.solve(problem)
-    if problem.gradient.any():
-        return answer
-    tangent = on_the_face(np.arange(1.0, problem.n + 1), problem.jacobian, np.zeros(problem.m))[0]
-    size = np.linalg.norm(tangent)
-    more = 0.01 * np.linalg.norm(answer.value) * tangent / size if size > 1e-6 else 0.0
-    return claimed(answer.value + more, answer.multipliers, answer.status)
 
 
 class StaleActiveSet:
@@ -245,13 +210,6 @@ class AnswersOfABatchMixedUp:
         return [*answers[1:], *answers[:1]]
 
 
-class BatchThatGivesUp(AnswersOfABatchMixedUp):
-    """Its kernel for batches runs out of iterations where there are several rows."""
-
-    def solve_batch(self, problems):
-        return [always_declines(each) if each.m > 1 else CORRECT.solve(each) for each in problems]
-
-
 class WarmStartThatKeepsTheFace:
     """Its sessions never leave the active set that they found first."""
 
@@ -260,14 +218,6 @@ class WarmStartThatKeepsTheFace:
 
     def session(self, _n, _m, *, warm_start=False):
         return SimpleNamespace(solve=StaleActiveSet() if warm_start else CORRECT.solve)
-
-
-class WarmStartThatEndsInfeasible(WarmStartThatKeepsTheFace):
-    """Its sessions take every problem but the first for infeasible."""
-
-    def session(self, _n, _m, *, warm_start=False):
-        first, then = iter([CORRECT.solve]), always_infeasible if warm_start else CORRECT.solve
-        return SimpleNamespace(solve=lambda problem: next(first, then)(problem))
 
 
 def every_case(problem):
@@ -286,69 +236,44 @@ def equalities_only(problem):
     return problem.equality.all()
 
 
-def tangents_only(problem):
-    return problem.equality.all() and not problem.bound.any()
-
-
 def metrics(problem):
     return problem.radius is None
 
 
-# mutant → the laws that name what is wrong with it, and the problems it takes
+# mutant → a law that names what is wrong with it, and the problems it takes
 MUTANTS = {
-    flipped_sign_of_the_gradient: (("check_complementarity", "check_idempotence"), inequalities_only),
-    unit_length: (("check_stationarity", "check_scaling", "check_gradient_kept_when_feasible"), every_case),
-    ridge: (("check_primal_feasibility",), every_case),
-    printed_stop_rule: (("check_primal_feasibility", "check_dual_feasibility"), cone_only),
-    short_rows_ignored: (("check_primal_feasibility", "check_row_scaling"), every_case),
-    gram_without_row_scaling: (("check_primal_feasibility", "check_row_scaling"), every_case),
-    every_row_an_equality: (("check_dual_feasibility", "check_gradient_kept_when_feasible"), cone_only),
-    metric_forgotten: (
-        ("check_symmetry", "check_stationarity", "check_rotation", "check_agreement_with_enumeration"),
-        every_case,
-    ),
-    inverse_metric_forgotten: (("check_stationarity", "check_idempotence"), metrics),
-    metric_ignored: (("check_stationarity", "check_idempotence"), metrics),
-    one_row_after_the_other: (("check_symmetry", "check_idempotence"), tangents_only),
-    basic_restoration: (("check_restoration_is_normal",), equalities_only),
-    restoration_with_a_bit_of_tangent: (("check_restoration_is_normal",), equalities_only),
-    forgets_the_last_row: (("check_primal_feasibility", "check_permutation"), every_case),
-    always_declines: (("check_stationarity", "check_infeasible_is_called_infeasible"), every_case),
-    always_zero: (("check_zero_only_when_optimal", "check_stationarity"), every_case),
-    always_infeasible: (("check_feasible_is_not_called_infeasible", "check_claims_are_certified"), every_case),
-    never_infeasible: (("check_infeasible_is_called_infeasible", "check_claims_are_certified"), every_case),
-    infeasible_without_proof: (("check_infeasible_is_called_infeasible",), every_case),
-    infeasible_with_proof_and_the_gradient: (("check_least_violation",), every_case),
-    not_a_number: (("check_stationarity", "check_claims_are_certified"), every_case),
-    swallows_nan: (("check_non_finite_is_refused",), every_case),
-    raises: (("check_duplicate_row",), every_case),
-    prints: (("check_silence",), every_case),
-    writes_from_c: (("check_silence",), every_case),
-    warns: (("check_silence",), every_case),
-    normalises_in_place: (("check_input_is_unchanged",), every_case),
-    StaleActiveSet: (("check_answers_repeat", "check_claims_are_certified"), inequalities_only),
-    OwnRandomness: (("check_answers_repeat",), every_case),
-    AnswersOfABatchMixedUp: (("check_batch_is_loop",), every_case),
-    BatchThatGivesUp: (("check_batch_is_loop",), every_case),
-    WarmStartThatKeepsTheFace: (("check_warm_start_is_cold_start",), inequalities_only),
-    WarmStartThatEndsInfeasible: (("check_warm_start_is_cold_start",), every_case),
+    flipped_sign_of_the_gradient: ("check_complementarity", inequalities_only),
+    unit_length: ("check_scaling", every_case),
+    ridge: ("check_primal_feasibility", every_case),
+    printed_stop_rule: ("check_dual_feasibility", cone_only),
+    gram_without_row_scaling: ("check_row_scaling", every_case),
+    every_row_an_equality: ("check_gradient_kept_when_feasible", cone_only),
+    metric_forgotten: ("check_symmetry", every_case),
+    inverse_metric_forgotten: ("check_idempotence", metrics),
+    basic_restoration: ("check_restoration_is_normal", equalities_only),
+    forgets_the_last_row: ("check_permutation", every_case),
+    always_declines: ("check_stationarity", every_case),
+    always_zero: ("check_zero_only_when_optimal", every_case),
+    always_infeasible: ("check_feasible_is_not_called_infeasible", every_case),
+    never_infeasible: ("check_claims_are_certified", every_case),
+    infeasible_without_proof: ("check_infeasible_is_called_infeasible", every_case),
+    infeasible_with_proof_and_the_gradient: ("check_least_violation", every_case),
+    not_a_number: ("check_stationarity", every_case),
+    swallows_nan: ("check_non_finite_is_refused", every_case),
+    raises: ("check_duplicate_row", every_case),
+    writes_from_c: ("check_silence", every_case),
+    warns: ("check_silence", every_case),
+    normalises_in_place: ("check_input_is_unchanged", every_case),
+    StaleActiveSet: ("check_answers_repeat", inequalities_only),
+    OwnRandomness: ("check_answers_repeat", every_case),
+    AnswersOfABatchMixedUp: ("check_batch_is_loop", every_case),
+    WarmStartThatKeepsTheFace: ("check_warm_start_is_cold_start", inequalities_only),
 }
 WITH_A_MEMORY = (StaleActiveSet, OwnRandomness)
-AT_SOME_SCALE = {
-    (printed_stop_rule, "check_dual_feasibility"),  # rows that nearly oppose
-    (short_rows_ignored, "check_primal_feasibility"),
-    (short_rows_ignored, "check_row_scaling"),
-    (gram_without_row_scaling, "check_primal_feasibility"),
-    (never_infeasible, "check_claims_are_certified"),  # bounds that nearly meet
-    (StaleActiveSet, "check_claims_are_certified"),
-    (StaleActiveSet, "check_answers_repeat"),
-    (WarmStartThatKeepsTheFace, "check_warm_start_is_cold_start"),
-}
-CASES = [
-    pytest.param(mutant, law, marks=[pytest.mark.slow] if k > 0 else [], id=f"{mutant.__name__}-{law}")
-    for mutant, (laws, _) in MUTANTS.items()
-    for k, law in enumerate(laws)
-]
+# Rows that nearly oppose, of other lengths, bounds that nearly meet, or sets of rows that change.
+AT_SOME_SCALE = (
+    printed_stop_rule, gram_without_row_scaling, never_infeasible, StaleActiveSet, WarmStartThatKeepsTheFace
+)  # fmt: skip
 
 
 def as_solver(mutant):
@@ -357,8 +282,9 @@ def as_solver(mutant):
     return SimpleNamespace(solve=method, supports=takes, takes_geometry=takes is metrics, **more)
 
 
-@pytest.mark.parametrize(("mutant", "law"), CASES)
-def test_a_known_bad_solver_is_rejected_with_a_small_counterexample_that_runs(mutant, law):
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.__name__)
+def test_a_known_bad_solver_is_rejected_with_a_small_counterexample_that_runs(mutant):
+    law, _ = MUTANTS[mutant]
     verdict = check_direction_solver(as_solver(mutant), checks=[law], max_examples=40)
     assert not verdict.passed
     result = verdict[law]
@@ -378,17 +304,17 @@ def test_a_known_bad_solver_is_rejected_with_a_small_counterexample_that_runs(mu
     arguments = {}
     scope[law] = lambda _, **given: arguments.update(given)
     scope[name](None)
-    assert_small(arguments, mutant, law)
+    assert_small(arguments, mutant)
 
 
-def assert_small(arguments, mutant, law):
+def assert_small(arguments, mutant):
     """n, m ≤ 3 and integers of two digits at most; where the fault is at some scale, few numbers at least."""
     problems = arguments["problems"] if "problems" in arguments else [arguments["problem"]]
     assert len(problems) <= 2
     parts = [(each.gradient, each.jacobian, each.bound, each.metric) for each in problems]
     numbers = np.concatenate([np.ravel(part) for each in parts for part in each if part is not None])
     assert np.count_nonzero(numbers) <= 7
-    if (mutant, law) not in AT_SOME_SCALE:
+    if mutant not in AT_SOME_SCALE:
         assert max(problems[0].n, problems[0].m) <= 3
         assert np.abs(numbers).max() <= 99
         np.testing.assert_array_equal(numbers, np.round(numbers))
