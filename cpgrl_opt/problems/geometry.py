@@ -38,8 +38,8 @@ def in_ball(
     return with_radius(source, with_metric_perhaps(source, of(source, case)), factors)
 
 
-def out_of_reach(source: Source, case: Case) -> DirectionProblem:
-    """The ball ends half way to the constraints at most; they can be met outside of it."""
+def out_of_reach(source: Source, case: Case, *, factors: tuple[float, ...] = MISSING) -> DirectionProblem:
+    """The constraints ask for something, and the ball ends half way to it at most, or where `factors` say."""
     problem = ordinary(source, case)
     asks = np.where(problem.equality, problem.bound != 0, problem.bound > 0).any()
     if not asks:  # ask for something that is there
@@ -48,7 +48,7 @@ def out_of_reach(source: Source, case: Case) -> DirectionProblem:
             J[0] = 1.0
         J[1:], b[0] = 0.0, 7.0
         problem = varied(problem, jacobian=J, bound=b)
-    return with_radius(source, with_metric_perhaps(source, problem), MISSING)
+    return with_radius(source, with_metric_perhaps(source, problem), factors)
 
 
 def infeasible_in_huge_ball(source: Source, case: Case, **settings: Any) -> DirectionProblem:

@@ -82,7 +82,7 @@ _extreme = partial(scales.gradient_scale, scale=(1e-100, 1e100))
 _far = partial(regular.far_bounds, decades=(6.0, 15.0))
 _weakly = partial(infeasible.infeasible, support=2, gap=(1e-4, 1e-6, 1e-8, 1e-10, 1e-12))
 _zero_row = partial(infeasible.zero_row_asks, decades=(0.0, 0.0))
-_touching = partial(geometry.in_ball, factors=geometry.TOUCHING)
+_touching = partial(geometry.out_of_reach, factors=geometry.TOUCHING)
 _gradient_in_ball = partial(geometry.in_ball, of=regular.feasible_gradient)
 
 _TABLE = (

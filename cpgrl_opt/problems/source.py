@@ -24,63 +24,48 @@ class Source(Protocol):
 
     def shape(self, n: int, m: int, *, least_rows: int = 1, least_parameters: int = 1) -> tuple[Any, ...]:
         """(n, m) of a problem, as usual n parameters and m constraints."""
-        ...
 
     def numbers(self, *shape: int) -> Float[np.ndarray, "..."]:
         """Numbers of size about 1, or small integers; a matrix of them has full rank as a rule."""
-        ...
 
     def exact(self, *shape: int) -> Float[np.ndarray, "..."]:
         """The same where sums of a few of them are exact."""
-        ...
 
     def independent(self, m: int, n: int) -> Jacobian:
         """m ≤ n rows of rank m, of which small sums are exact."""
-        ...
 
     def orthonormal(self, m: int, n: int) -> Jacobian:
         """m ≤ n orthonormal rows."""
-        ...
 
     def point(self, n: int) -> Vector:
         """A point on a coarse grid, so that Jd is exact where the rows are."""
-        ...
 
     def slack(self, jacobian: Jacobian) -> Float[np.ndarray, "m"]:
         """How much each row Jᵢd ≥ bᵢ has to spare, ≥ 0, in units of its length."""
-        ...
 
     def size(self, rows: Float[np.ndarray, "*m n"]) -> Any:
         """The length of each row, 1 of a zero row, or an integer that is longer."""
-        ...
 
     def integers(self, lowest: int, highest: int, *shape: int) -> Any:
         """Integers lowest … highest; a single one without a shape."""
-        ...
 
     def uniform(self, lowest: float, highest: float, *shape: int) -> Any:
         """Numbers between the two; a single one without a shape."""
-        ...
 
     def order(self, count: int) -> Int[np.ndarray, "count"]:
         """A permutation of 0 … count − 1."""
-        ...
 
     def choice(self, options: Sequence[T]) -> T:
         """One of the options, of which the first is the simplest."""
-        ...
 
     def equalities(self, m: int, case: Case) -> Mask:
         """Which rows are equalities: all, none, or some of a mixed problem."""
-        ...
 
     def metric(self, n: int, *, is_full: bool, decades: int = 2) -> Metric:
         """A diagonal or a full metric, of condition about 10^decades where it is full."""
-        ...
 
     def shortest(self, problem: DirectionProblem) -> float | None:
         """√(dᵀMd) of the shortest direction that meets the constraints; 0 or None where there is none."""
-        ...
 
 
 class RandomSource:

@@ -12,7 +12,16 @@ from numpy.typing import ArrayLike
 from ..problem import DirectionProblem
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
-from .law import Answer, NothingClaimed, Outcome, law, length, optimum_of, require_at_most, varied, whitened
+from .law import (
+    Answer,
+    NothingClaimed,
+    Outcome,
+    law,
+    length,
+    optimum_of,
+    require_near,
+    varied,
+)
 from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound
 
@@ -161,12 +170,5 @@ def _require_same(
     """LawBroken unless the two directions agree; what was allowed."""
     (first, second), epsilon = answers, tolerance_of(solver)
     allowed = sum(answers_bound(problem, epsilon, first, second) for problem in problems)
-    require_at_most(
-        length(whitened(problems[0], first.value - second.value)),
-        allowed,
-        "‖d − d'‖ of two forms of one problem",
-        advice,
-        problems[0],
-        *answers,
-    )
+    require_near(problems[0], (first, second), allowed, "‖d − d'‖ of two forms of one problem", advice)
     return allowed

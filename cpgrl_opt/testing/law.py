@@ -176,6 +176,14 @@ def require_at_most(
         )
 
 
+def require_near(
+    problem: DirectionProblem, answers: tuple[Answer, Answer], limit: float, what: str, advice: str
+) -> None:
+    """LawBroken unless the two directions are at most so far apart, in the metric where there is one."""
+    first, second = answers
+    require_at_most(length(whitened(problem, first.value - second.value)), limit, what, advice, problem, *answers)
+
+
 def is_held_in_single(problem: DirectionProblem) -> bool:
     """Whether all numbers of the problem are normal float32 numbers, or 0 or −∞."""
     for part in (problem.gradient, problem.jacobian, problem.bound, problem.metric, problem.radius):

@@ -22,12 +22,10 @@ from .law import (
     checked_answer,
     described,
     law,
-    length,
-    require_at_most,
+    require_near,
     same_bits,
     takes,
     varied,
-    whitened,
 )
 from .process_state import CHANGED_BY_IMPORTS, changes_since, large_state_restored, restored, snapshot
 from .sensitivity import answers_bound
@@ -171,12 +169,5 @@ def _require_same(solver: DirectionSolver, problem: DirectionProblem, alone: Ans
             f"{described(problem, alone, answer)}"
         )
     if alone.status == Status.OPTIMAL:
-        require_at_most(
-            length(whitened(problem, alone.value - answer.value)),
-            2 * answers_bound(problem, tolerance_of(solver), alone, answer),
-            "‖d − d'‖ of one thread and of four",
-            advice,
-            problem,
-            alone,
-            answer,
-        )
+        allowed = 2 * answers_bound(problem, tolerance_of(solver), alone, answer)
+        require_near(problem, (alone, answer), allowed, "‖d − d'‖ of one thread and of four", advice)

@@ -15,7 +15,16 @@ from ..published.euclidean import euclidean
 from ..scaling import unit_rows
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
-from .law import NothingClaimed, Outcome, law, length, optimum_of, reference_optimum, require_at_most, whitened
+from .law import (
+    NothingClaimed,
+    Outcome,
+    law,
+    length,
+    optimum_of,
+    reference_optimum,
+    require_at_most,
+    require_near,
+)
 from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound, distance_bound, hoffman_constant
 
@@ -26,57 +35,29 @@ def check_stationarity(solver: DirectionSolver, problem: DirectionProblem) -> No
 
     Source: Karush, Kuhn, Tucker; Nocedal & Wright, Numerical Optimization, Theorem 12.1.
     """
-    answer = optimum_of(solver, problem)
-    require_at_most(
-        kkt_residuals(problem, answer).stationarity,
-        tolerance_of(solver),
-        "stationarity ‖d − g − Jᵀμ‖ / σ",
-        "Look at the sign of μ (≥ 0 on inequalities, d = g + Jᵀμ), at a normalised d, and at a ridge in J Jᵀ.",
-        problem,
-        answer,
-    )
+    advice = "Look at the sign of μ (≥ 0 on inequalities, d = g + Jᵀμ), at a normalised d, and at a ridge in J Jᵀ."
+    _require_small(solver, problem, "stationarity", "stationarity ‖d − g − Jᵀμ‖ / σ", advice)
 
 
 @law
 def check_primal_feasibility(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """Jᵢd ≥ bᵢ, Jᵢd = bᵢ on E: the referee's primal ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
-    answer = optimum_of(solver, problem)
-    require_at_most(
-        kkt_residuals(problem, answer).primal,
-        tolerance_of(solver),
-        "primal max (b̂ᵢ − Ĵᵢd)₊ / σ",
-        "A constraint is violated: was it dropped, lost in a rank decision on unscaled rows, or softened by a ridge?",
-        problem,
-        answer,
-    )
+    advice = "A constraint is violated: was it dropped, lost in a rank decision on raw rows, or softened by a ridge?"
+    _require_small(solver, problem, "primal", "primal max (b̂ᵢ − Ĵᵢd)₊ / σ", advice)
 
 
 @law
 def check_dual_feasibility(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """μᵢ ≥ 0 on inequalities: the referee's dual ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
-    answer = optimum_of(solver, problem)
-    require_at_most(
-        kkt_residuals(problem, answer).dual,
-        tolerance_of(solver),
-        "dual max (−μ̂ᵢ)₊ / σ",
-        "An inequality holds g back although g leads away from it: release it. λ of the paper's eq. 7 is −μ.",
-        problem,
-        answer,
-    )
+    advice = "An inequality holds g back although g leads away from it: release it. λ of the paper's eq. 7 is −μ."
+    _require_small(solver, problem, "dual", "dual max (−μ̂ᵢ)₊ / σ", advice)
 
 
 @law
 def check_complementarity(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """min(μᵢ, Jᵢd − bᵢ) = 0 on I: the referee's complementarity ≤ ε. Source: Nocedal & Wright, Theorem 12.1."""
-    answer = optimum_of(solver, problem)
-    require_at_most(
-        kkt_residuals(problem, answer).complementarity,
-        tolerance_of(solver),
-        "complementarity max |min(μ̂ᵢ, Ĵᵢd − b̂ᵢ)| / σ",
-        "A constraint that is not tight has a multiplier: is the active set that of another problem?",
-        problem,
-        answer,
-    )
+    advice = "A constraint that is not tight has a multiplier: is the active set that of another problem?"
+    _require_small(solver, problem, "complementarity", "complementarity max |min(μ̂ᵢ, Ĵᵢd − b̂ᵢ)| / σ", advice)
 
 
 @law
@@ -132,16 +113,16 @@ def check_agreement_with_enumeration(solver: DirectionSolver, problem: Direction
     answer = optimum_of(solver, problem)
     expected, its_tolerance = reference_optimum(problem)
     allowed = answers_bound(problem, tolerance_of(solver) + its_tolerance, answer, expected)
-    require_at_most(
-        length(whitened(problem, answer.value - expected.value)),
-        allowed,
-        "‖d − d*‖, d* by enumeration",
-        "Both claim OPTIMAL and the optimum is unique: compare the active sets (μ > 0) of the two answers.",
-        problem,
-        answer,
-        expected,
-    )
+    advice = "Both claim OPTIMAL and the optimum is unique: compare the active sets (μ > 0) of the two answers."
+    require_near(problem, (answer, expected), allowed, "‖d − d*‖, d* by enumeration", advice)
     require_same_multipliers(solver, problem, (answer, expected), allowed, "from enumeration")
+
+
+def _require_small(solver: DirectionSolver, problem: DirectionProblem, part: str, what: str, advice: str) -> None:
+    """One of the referee's residuals is within the solver's tolerance."""
+    answer = optimum_of(solver, problem)
+    residual = getattr(kkt_residuals(problem, answer), part)
+    require_at_most(residual, tolerance_of(solver), what, advice, problem, answer)
 
 
 def _distance_from_polar(problem: DirectionProblem, epsilon: float) -> float:

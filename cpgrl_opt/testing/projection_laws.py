@@ -19,6 +19,7 @@ from .law import (
     length,
     optimum_of,
     require_at_most,
+    require_near,
     varied,
     whitened,
 )
@@ -33,15 +34,9 @@ def check_idempotence(solver: DirectionSolver, problem: DirectionProblem) -> Non
     """
     first = optimum_of(solver, problem)
     again = optimum_of(solver, with_gradient(problem, _as_gradient(problem, first.value)))
-    require_at_most(
-        length(whitened(problem, again.value - first.value)),
-        2 * distance_bound(problem, tolerance_of(solver), first.value, again.value),
-        "‖p(p(g)) − p(g)‖",
-        "Projecting a direction that meets the constraints should leave it: is it rescaled, or a ridge in the way?",
-        problem,
-        first,
-        again,
-    )
+    allowed = 2 * distance_bound(problem, tolerance_of(solver), first.value, again.value)
+    advice = "Projecting a direction that meets the constraints should leave it: is it rescaled, or a ridge in the way?"
+    require_near(problem, (first, again), allowed, "‖p(p(g)) − p(g)‖", advice)
 
 
 @law
@@ -52,15 +47,9 @@ def check_non_expansiveness(solver: DirectionSolver, problem: DirectionProblem, 
     """
     first, second, delta = _two_projections(solver, problem, other)
     apart = length(_gradient_difference(problem, other))
-    require_at_most(
-        length(whitened(problem, first.value - second.value)),
-        apart * (1 + 1e-14) + 2 * delta,
-        f"‖p(g) − p(h)‖ with h = {np.asarray(other).tolist()}",
-        "Two directions are farther apart than their gradients: one of them is not the nearest point.",
-        problem,
-        first,
-        second,
-    )
+    allowed = apart * (1 + 1e-14) + 2 * delta
+    advice = "Two directions are farther apart than their gradients: one of them is not the nearest point."
+    require_near(problem, (first, second), allowed, f"‖p(g) − p(h)‖ with h = {np.asarray(other).tolist()}", advice)
 
 
 @law

@@ -16,11 +16,9 @@ from .law import (
     checked_answer,
     described,
     law,
-    length,
-    require_at_most,
+    require_near,
     same_bits,
     takes,
-    whitened,
 )
 from .sensitivity import answers_bound
 
@@ -121,12 +119,6 @@ def _require_same(
     """LawBroken unless two OPTIMAL answers to one problem agree."""
     first, second = answers
     if first.status == second.status == Status.OPTIMAL and not same_bits(first, second):
-        require_at_most(
-            length(whitened(problem, first.value - second.value)),
-            2 * answers_bound(problem, tolerance_of(solver), first, second),
-            what,
-            "What was solved before, or beside it, should not change an answer.",
-            problem,
-            first,
-            second,
-        )
+        allowed = 2 * answers_bound(problem, tolerance_of(solver), first, second)
+        advice = "What was solved before, or beside it, should not change an answer."
+        require_near(problem, (first, second), allowed, what, advice)
