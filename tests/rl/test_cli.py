@@ -120,13 +120,6 @@ def test_a_bad_number_is_answered_with_what_it_should_be(option, value, tmp_path
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_in_the_place_of_the_directory_is_refused(tmp_path):
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path / "file")
-    assert result.exit_code == 2
-    assert "out should be a directory" in result.stderr
-
-
 def test_a_solver_that_is_not_installed_says_what_to_type(tmp_path, monkeypatch):
     monkeypatch.setattr("cpgrl_opt.solvers.packages.has_package", lambda package: package != "daqp")
     result = cpgrl("reproduce", "three-state", *TINY, "--solver", "daqp", "--out", tmp_path)

@@ -333,13 +333,3 @@ def test_after_an_error_it_neither_goes_on_nor_is_saved(tmp_path):
         with pytest.raises(ValueError, match="halfway"):
             act()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_is_not_there_is_an_error_of_the_system_and_leaves_nothing(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        training().save(tmp_path / "missing" / "training.npz")
-    path = tmp_path / "training.npz"
-    path.mkdir()
-    with pytest.raises(IsADirectoryError):
-        training().save(path)
-    assert list(tmp_path.iterdir()) == [path]
