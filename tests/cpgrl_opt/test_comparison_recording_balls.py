@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, Linearization, Status, kkt_residuals
+from cpgrl_opt import SOLVERS, ConstrainedStep, Linearization, Status
 from cpgrl_opt.comparison.recorder import Recorder, stretches
 from cpgrl_opt.comparison.recording import PARTS, Recording, joined, load_recording, shipped_recording
-from cpgrl_opt.comparison.replay import recorded_family, replay
+from cpgrl_opt.comparison.replay import recorded_family
 
 RUNS, EPISODES, N = 3, 6, 4
 RADIUS = 0.25
@@ -55,21 +55,6 @@ def test_a_formulation_that_restores_inside_has_tangents_only(formulation) -> No
     recording, _ = watched(ConstrainedStep(formulation=formulation, radius=RADIUS))
     assert parts_of(recording)["tangent"] == {RADIUS}
     assert set(recording.part.tolist()) == {0}
-
-
-def test_what_is_solved_after_a_drop_is_told_apart() -> None:
-    recording, _ = watched(ConstrainedStep(formulation="equality", radius=RADIUS, drop="always", solver="rosen"))
-    radii = parts_of(recording)
-    assert radii["tangent"] == radii["tangent after a drop"] == {RADIUS}
-    assert radii["restoration"] == {np.inf}
-    assert radii["restoration after a drop"] <= {np.inf}
-    for k in np.flatnonzero(recording.part >= 2):
-        first = np.flatnonzero(
-            (recording.run == recording.run[k])
-            & (recording.episode == recording.episode[k])
-            & (recording.part == recording.part[k] - 2)
-        )
-        assert np.array_equal(recording.jacobian[k], recording.jacobian[first[0]])
 
 
 def test_a_file_gives_the_radius_back_and_others_are_written_as_ever(tmp_path) -> None:
@@ -122,17 +107,6 @@ def test_problems_of_both_kinds_are_no_batch_but_each_kind_is() -> None:
     assert recording.chosen(recording.part == 1).batch.radius is None
     together = joined([tangents, recording.chosen(recording.part == 1)])
     np.testing.assert_array_equal(together.radii, recording.radii)
-
-
-def test_a_replay_solves_in_the_ball() -> None:
-    recording, _ = watched(ConstrainedStep(formulation="restoring", radius=RADIUS))
-    done = replay(recording, SOLVERS["active-set"])
-    for k, problem in enumerate(recording.problems):
-        alone = SOLVERS["active-set"].solve(problem)
-        assert done.status[k] == alone.status
-        if alone.status == Status.OPTIMAL:
-            assert done.worst[k] == kkt_residuals(problem, alone).worst <= 1e-9
-            assert np.linalg.norm(alone.value) == pytest.approx(RADIUS, rel=1e-12) or alone.radius_multiplier == 0.0
 
 
 def test_a_family_of_balls_says_which_of_its_problems_are_feasible() -> None:

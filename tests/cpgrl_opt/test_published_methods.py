@@ -102,18 +102,6 @@ def test_mgda_is_the_shortest_point_of_the_hull(problem):
 
 
 @settings(max_examples=20)
-@given(CONES.filter(lambda problem: problem.m == 1))
-def test_for_one_constraint_gem_and_a_gem_are_one(problem):
-    np.testing.assert_allclose(value(GEM(), problem), value(AGEM(), problem), atol=1e-9)
-
-
-@settings(max_examples=20)
-@given(CONES.filter(lambda problem: problem.m == 1))
-def test_for_two_tasks_pcgrad_is_twice_upgrad(problem):
-    np.testing.assert_allclose(value(PCGrad(), problem), 2 * value(UPGrad(), problem), atol=1e-9)
-
-
-@settings(max_examples=20)
 @given(balls())
 def test_cpo_is_the_trust_region(problem):
     ours, found = SOLVERS["active-set"].solve(problem), CPO().solve(problem)
@@ -148,16 +136,6 @@ def test_pcpo_and_cpo_coincide_where_the_step_without_the_constraint_is_feasible
     if (problem.jacobian @ step >= problem.bound).all() and problem.gradient.any():
         np.testing.assert_allclose(found["pcpo"].value, step, atol=1e-12)
         np.testing.assert_allclose(found["cpo"].value, step, atol=1e-12)
-
-
-@settings(max_examples=20)
-@given(balls())
-def test_for_bound_0_pcpo_points_the_way_of_cpo_and_no_farther(problem):
-    cone = DirectionProblem(problem.gradient, problem.jacobian, 0.0, metric=problem.metric, radius=problem.radius)
-    longer, shorter = value(CPO(), cone), value(PCPO(), cone)
-    length = np.sqrt(shorter @ shorter)
-    assert shorter @ longer >= length * np.sqrt(longer @ longer) - 1e-7
-    assert length <= np.sqrt(longer @ longer) + 1e-12
 
 
 def test_a_sign_error_in_cpos_dual_is_seen_by_the_referee():
@@ -203,7 +181,7 @@ def test_switched_off_rows_are_no_tasks():
         np.testing.assert_allclose(value(PUBLISHED[name], problem), value(PUBLISHED[name], alone), atol=1e-12)
 
 
-@pytest.mark.parametrize("number", [397, 794, 864, 1111, 1866, 2388])
+@pytest.mark.parametrize("number", [397, 1111])
 def test_the_shortest_vector_is_found_where_scipys_nnls_stops_early(number):
     """Gradients of low rank, and the shortest vector of their hull among them (scipy issue 25389)."""
     rng = np.random.default_rng(number)
