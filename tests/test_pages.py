@@ -90,7 +90,7 @@ def test_the_limits_say_how_far_off_a_certified_answer_may_be():
 def test_the_solver_that_is_said_to_be_right_is():
     """Two laws, for the whole of it is slow."""
     scope = {}
-    (source,) = [example for name, _, example in EXAMPLES if name == "your_own_solver.md"]
+    source = next(example for name, _, example in EXAMPLES if name == "your_own_solver.md")
     exec(compile(source, "mine.py", "exec"), scope)
     for law in ("check_stationarity", "check_gradient_kept_when_feasible"):
         found = first_break(LAWS[law], scope["Doubtful"](), max_examples=20)
@@ -99,7 +99,7 @@ def test_the_solver_that_is_said_to_be_right_is():
 
 @pytest.mark.slow
 def test_it_passes(tmp_path, monkeypatch, start_cpgrl):
-    (source,) = [example for name, _, example in EXAMPLES if name == "your_own_solver.md"]
+    source = next(example for name, _, example in EXAMPLES if name == "your_own_solver.md")
     (tmp_path / "mine.py").write_text(source, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     command = start_cpgrl("check", "mine:Doubtful", "--max-examples", "30")
