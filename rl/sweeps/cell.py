@@ -114,16 +114,11 @@ def _made_of(function: Any) -> Any:
         source = inspect.getsource(found)
     except (OSError, TypeError):  # typed in where nobody keeps it
         source = repr(_code(getattr(found, "__code__", None)))
-    enclosed = [described(cell.cell_contents) for cell in getattr(found, "__closure__", None) or ()]
-    settings = None if found is function else described(function)
-    return [
-        found.__module__,
-        found.__qualname__,
-        source,
-        enclosed,
-        settings,
-        _sources_of(found.__module__ or "__main__"),
-    ]
+    enclosed = [cell.cell_contents for cell in getattr(found, "__closure__", None) or ()]
+    defaults = [getattr(found, name, None) for name in ("__defaults__", "__kwdefaults__")]  # a loop's variable, often
+    owner = getattr(found, "__self__", None) if found is function else function
+    sources = _sources_of(found.__module__ or "__main__")
+    return [found.__module__, found.__qualname__, source, described([enclosed, defaults, owner]), sources]
 
 
 @cache

@@ -11,10 +11,12 @@ from typing import Any
 
 from ..experiments.experiment import Experiment
 from ..experiments.registry import EXPERIMENTS, experiment_named
+from ..experiments.results_directory import reserved
 from ..observers import ProgressBars
 from ..training import TrainingRecord
 from .cell import Outcome
 from .curves import draw_curves, learning_curves
+from .engines import require_engine
 from .store import TABLE, write_csv
 from .sweep import Sweep, combinations, sweep
 
@@ -35,17 +37,20 @@ def run_sweep(target: str, over: Sequence[str], out: Path, **asked: Any) -> tupl
         training = _experiment_training(target, settings)
     else:
         training = _function(target)
-    with ProgressBars({"trainings": len(combinations(settings)) * len(asked["seeds"])}) as bars:
+    require_engine(asked["engine"], asked["jobs"])  # before there is a folder
+    trainings = len(combinations(settings)) * len(asked["seeds"])
+    with reserved(out):  # until the curves are there too: they are of this table
+        with ProgressBars({"trainings": trainings}) as bars:
 
-        def listen(done: int, _: int, outcome: Outcome) -> None:  # noqa: ARG001 - of an outcome only that it is there
-            bars.move("trainings", done)
+            def listen(done: int, _: int, outcome: Outcome) -> None:  # noqa: ARG001 - only that it is there
+                bars.move("trainings", done)
 
-        found = sweep(training, settings, out=out, listen=listen, **asked)
-    curves = learning_curves(found)
-    if not curves:
-        return found, [TABLE]
-    write_csv(out / CURVES, list(curves[0]), curves)
-    draw_curves(curves, out / FIGURE)
+            found = sweep(training, settings, out=out, listen=listen, **asked)
+        curves = learning_curves(found)
+        if not curves:
+            return found, [TABLE]
+        write_csv(out / CURVES, list(curves[0]), curves)
+        draw_curves(curves, out / FIGURE)
     return found, [TABLE, CURVES, FIGURE]
 
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from rl import sweep
 from rl.cli import app
+from rl.experiments.registry import experiment_named
 from rl.sweeps.command import parse_seeds, parse_setting, train_case
 from rl.sweeps.store import OUTCOMES, TABLE
 
@@ -126,9 +127,8 @@ def test_what_ended_survives_and_no_worker_does(number, tmp_path, start_cpgrl):
 def sweep_again(folder):
     from functools import partial
 
-    return sweep(
-        partial(train_case, "three-state"), {"training": ["sum"], "episodes": [300]}, seeds=20, out=folder
-    )  # fmt: skip
+    asked = {"seeds": 20, "measure": experiment_named("three-state").measure, "out": folder}
+    return sweep(partial(train_case, "three-state"), {"training": ["sum"], "episodes": [300]}, **asked)
 
 
 @pytest.mark.slow

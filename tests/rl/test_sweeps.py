@@ -99,6 +99,32 @@ def test_it_trains_only_what_is_new_and_what_failed(counted, tmp_path):
     assert sweep(counted, GRID, seeds=2, every=7, out=tmp_path).trained == 8
 
 
+class WithThreshold:
+    """Trainings whose threshold is nobody's argument."""
+
+    def __init__(self, threshold):
+        self.threshold = threshold
+
+    def train(self, seed, threshold=None):
+        learner = CPGRL(ConstrainedStep(), [self.threshold if threshold is None else threshold] * 3)
+        return train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(steps=5), learner, episodes=1, runs=1, seed=seed)
+
+
+@pytest.mark.parametrize(
+    "training_at",
+    [
+        lambda threshold: WithThreshold(threshold).train,
+        lambda threshold: lambda seed, threshold=threshold: WithThreshold(0.0).train(seed, threshold),
+        lambda threshold: lambda seed, *, threshold=threshold: WithThreshold(0.0).train(seed, threshold),
+        lambda threshold: lambda seed: WithThreshold(0.0).train(seed, threshold),
+    ],
+    ids=["object", "default", "keyword", "enclosed"],
+)
+def test_what_a_function_brings_along_is_part_of_the_key(training_at, tmp_path):
+    found = [sweep(training_at(threshold), [{}], seeds=1, out=tmp_path).trained for threshold in (0.0, 0.1, 0.1)]
+    assert found == [1, 1, 0]
+
+
 def test_a_line_that_a_killed_process_left_torn_is_trained_again(training, tmp_path):
     whole = sweep(training, GRID, seeds=2, out=tmp_path)
     outcomes = tmp_path / "outcomes.jsonl"
