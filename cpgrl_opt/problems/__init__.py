@@ -3,7 +3,7 @@
     >>> import numpy as np
     >>> from cpgrl_opt.problems import draw_problem
     >>> problem = draw_problem("sum to zero", np.random.default_rng(0))
-    >>> problem.jacobian.sum(axis=0).any()
+    >>> bool(problem.jacobian.sum(axis=0).any())
     False
 
 A file for each theme holds the functions that make problems, each written once against a small source of choices

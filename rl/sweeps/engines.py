@@ -2,6 +2,7 @@
 
 import logging
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -60,7 +61,10 @@ def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, j
 
     with ExitStack() as stack:
         stack.enter_context(ENGINES[engine](jobs))
-        stack.enter_context(parallel_config(backend=engine, n_jobs=-1 if engine != "loky" else jobs))
+        chosen: dict[str, Any] = {"n_jobs": -1}  # as many as the cluster has
+        if engine == "loky":
+            chosen = {"n_jobs": jobs, "initializer": _leave_ctrl_c_to, "initargs": (os.getpid(),)}
+        stack.enter_context(parallel_config(backend=engine, **chosen))
         hand_over = Parallel(return_as="list")._backend.supports_return_generator
         workers = stack.enter_context(Parallel(return_as="generator_unordered" if hand_over else "list"))
         size = len(items) if hand_over else _ROUND * workers._effective_n_jobs()
@@ -79,6 +83,12 @@ def _carry_out(task: Callable[[Any], Any], item: Any, parent: int) -> Any:
     if os.getpid() != parent and os.getppid() == parent:
         end_with(parent)
     return task(item)
+
+
+def _leave_ctrl_c_to(parent: int) -> None:
+    """A terminal sends it to all; the parent ends its workers, which would print a traceback each."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with(parent)
 
 
 @contextmanager

@@ -220,7 +220,7 @@ def test_another_thread_may_end_it_in_the_midst_of_a_call(folder):
         room.solve("sleep")
 
 
-def test_after_ctrl_c_the_next_call_gets_its_own_answer(room):
+def test_after_ctrl_c_the_next_call_gets_its_own_answer(room, hears_interrupts):
     import misconduct
 
     threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
