@@ -25,7 +25,7 @@ _STOPS = 10  # the same
 _OBJECTS = 14  # x, y, reward of each
 
 
-def packed(arm: "TwoLinkArm") -> Float64[np.ndarray, "constants"]:
+def pack(arm: "TwoLinkArm") -> Float64[np.ndarray, "constants"]:
     """The constants of `arm` as the kernels read them."""
     low, high = arm.stops
     scalars = (*arm.link_lengths, arm.dt, arm.max_speed, arm.touch_radius**2, 1 / (2 * arm.reward_width**2))
@@ -34,7 +34,7 @@ def packed(arm: "TwoLinkArm") -> Float64[np.ndarray, "constants"]:
 
 
 @cached("float64(float64, float64, float64)")
-def _clipped(value, low, high):  # type: ignore[no-untyped-def]
+def _clip(value, low, high):  # type: ignore[no-untyped-def]
     # By comparisons, so that NaN stays NaN; min and max may swallow it.
     if value < low:
         return low
@@ -73,10 +73,10 @@ def step(constants, state, action, random_state, reward):  # type: ignore[no-unt
     """φ′ into `state`, (r¹, r², r³) into `reward`; the number of the touched object, from 1, or 0."""
     inside = True
     for joint in range(2):
-        velocity = _clipped(action[joint], -constants[_SPEED], constants[_SPEED])
+        velocity = _clip(action[joint], -constants[_SPEED], constants[_SPEED])
         desired = state[joint] + constants[_DT] * velocity
         inside &= constants[_BOX + 2 * joint] <= desired <= constants[_BOX + 2 * joint + 1]
-        state[joint] = _clipped(desired, constants[_STOPS + 2 * joint], constants[_STOPS + 2 * joint + 1])
+        state[joint] = _clip(desired, constants[_STOPS + 2 * joint], constants[_STOPS + 2 * joint + 1])
     nearest, squared = _nearest(constants, state)
     touched = squared <= constants[_RADIUS_SQUARED]
     reward[0] = math.exp(-squared * constants[_FALL_OFF])

@@ -42,7 +42,7 @@ class GridWorld(TabularMDP):
     slip: float
 
     def __init__(self, layout: Sequence[str] = LAYOUT, slip: float = 0.1) -> None:
-        object.__setattr__(self, "layout", _checked(layout))
+        object.__setattr__(self, "layout", _check(layout))
         object.__setattr__(self, "slip", number_in_unit_interval("slip", slip))
         cells = self.cells
         marks = [self.layout[row][column] for row, column in cells]
@@ -62,7 +62,7 @@ class GridWorld(TabularMDP):
         return sorted({mark for row in self.layout for mark in row if mark.islower()})
 
 
-def _checked(layout: Sequence[str]) -> tuple[str, ...]:
+def _check(layout: Sequence[str]) -> tuple[str, ...]:
     is_sequence = isinstance(layout, Sequence) and not isinstance(layout, str)
     if not is_sequence or not layout or not all(isinstance(row, str) for row in layout):
         raise ValueError(f"layout should be strings, one a row; found {layout!r}")
@@ -78,7 +78,7 @@ def _checked(layout: Sequence[str]) -> tuple[str, ...]:
             f"layout should have one S and one G; found {marks.count(_START)} and {marks.count(_GOAL)} of them"
         )
     cells = _cells(rows)
-    apart = set(cells) - _reached(cells, cells[[rows[r][c] for r, c in cells].index(_START)])
+    apart = set(cells) - _reach_from(cells, cells[[rows[r][c] for r, c in cells].index(_START)])
     if apart:
         raise ValueError(f"layout should have a way from S to each cell that is no wall; found none to {min(apart)}")
     return rows
@@ -88,7 +88,7 @@ def _cells(rows: Sequence[str]) -> list[Cell]:
     return [(r, c) for r, row in enumerate(rows) for c, mark in enumerate(row) if mark != _WALL]
 
 
-def _reached(cells: Sequence[Cell], start: Cell) -> set[Cell]:
+def _reach_from(cells: Sequence[Cell], start: Cell) -> set[Cell]:
     free, reached, edge = set(cells), {start}, [start]
     while edge:
         row, column = edge.pop()

@@ -27,8 +27,8 @@ def best_occupancy(transitions: Transitions, rewards: Rewards, thresholds: Thres
     Rewards are shifted and scaled to [−1, 1] first, so their units do not matter.
     Raises ValueError, with the least violation, if no policy meets the thresholds.
     """
-    scaled, middle, half = _scaled(rewards)
-    bounds = _scaled_bounds(thresholds, middle, half)
+    scaled, middle, half = _scale(rewards)
+    bounds = _scale_bounds(thresholds, middle, half)
     result = _linear_programme(transitions, -scaled[0].ravel(), scaled[1:], bounds)
     if result.status == _INFEASIBLE:
         # Where the feasible set is a point or a face, rounding of the thresholds alone can empty it.
@@ -47,10 +47,10 @@ def best_occupancy(transitions: Transitions, rewards: Rewards, thresholds: Thres
 
 def least_violation(transitions: Transitions, rewards: Rewards, thresholds: Thresholds) -> float:
     """min_μ max_i (Gⁱ − Σ rⁱμ)₊: by how much all thresholds would have to come down, in the rewards' unit."""
-    scaled, middle, half = _scaled(rewards)
+    scaled, middle, half = _scale(rewards)
     # No policy gets a channel above its largest reward, so this much is certain, and what is left is bounded.
     certain = max(0.0, float(np.max(thresholds - rewards[1:].max(axis=(1, 2)), initial=0.0)))
-    bounds = _scaled_bounds(thresholds - certain, middle, half)
+    bounds = _scale_bounds(thresholds - certain, middle, half)
     unit = float(half[1:].max(initial=1.0))
     cost = np.append(np.zeros(scaled[0].size), 1.0)
     relief = np.minimum(unit / half[1:], _MOST_RELIEF)
@@ -87,7 +87,7 @@ def _linear_programme(
     )
 
 
-def _scaled(
+def _scale(
     rewards: Rewards,
 ) -> tuple[Rewards, ChannelValues, ChannelValues]:
     low, high = rewards.min(axis=(1, 2)), rewards.max(axis=(1, 2))
@@ -98,7 +98,7 @@ def _scaled(
     return (rewards - middle[:, None, None]) / half[:, None, None], middle, half
 
 
-def _scaled_bounds(
+def _scale_bounds(
     thresholds: Thresholds,
     middle: ChannelValues,
     half: ChannelValues,

@@ -126,9 +126,9 @@ class TwoLinkArm:
 
     def continuous_kernels(self) -> ContinuousKernels:
         """The dynamics for compiled code, and the only ones: the Gymnasium environment steps by them too."""
-        from .arm_kernels import packed, reset, step  # numba loads here
+        from .arm_kernels import pack, reset, step  # numba loads here
 
-        return ContinuousKernels(2, 2, self.reward_channels, packed(self), reset, step, self.max_steps, self.events)
+        return ContinuousKernels(2, 2, self.reward_channels, pack(self), reset, step, self.max_steps, self.events)
 
     def _squared_distances(self, points: ArrayLike) -> Float64[np.ndarray, "*points objects"]:
         centres = np.array([thing.position for thing in self.objects])

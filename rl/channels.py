@@ -20,7 +20,7 @@ def layers(environment: Any) -> Iterator[Any]:
         layer = inner if callable(getattr(inner, "step", None)) else getattr(layer, "unwrapped", None)
 
 
-def declared(environment: Any, name: str) -> Any:
+def find_declaration(environment: Any, name: str) -> Any:
     """An attribute of the outermost layer that has it, so that a wrapper's own wins; None if none has."""
     return next((found for layer in layers(environment) if (found := getattr(layer, name, None)) is not None), None)
 
@@ -68,7 +68,7 @@ def _channels(layer: Any) -> int | None:
 
 def event_key(environment: Any) -> str:
     """Where `info` says how an episode ended: the environment's own `event_key`, else EVENT_KEY."""
-    key = declared(environment, "event_key")
+    key = find_declaration(environment, "event_key")
     return key if isinstance(key, str) else EVENT_KEY
 
 

@@ -28,7 +28,7 @@ def write_state(path: Path | str, kind: str, state: Mapping[str, Any]) -> None:
     strings) of these, ValueError for anything else. kind: what it is a state of.
     """
     arrays: list[np.ndarray] = []
-    text = json.dumps({"format": _FORMAT, "kind": kind, "state": _packed(state, arrays, "state")})
+    text = json.dumps({"format": _FORMAT, "kind": kind, "state": _pack(state, arrays, "state")})
     with whole_file(Path(path)) as part, part.open("wb") as file:
         with zipfile.ZipFile(file, "w") as archive:
             archive.writestr(zipfile.ZipInfo(_TEXT, _BEGINNING), text)
@@ -48,7 +48,7 @@ def read_state(path: Path | str, kind: str) -> dict[str, Any]:
             found = {name: contents.get(name) for name in ("format", "kind")}
             if found != {"format": _FORMAT, "kind": kind}:
                 raise ValueError(f"{found['kind']!r} of the format {found['format']!r}")
-            state = _unpacked(contents["state"], lambda index: _array_of(archive.read(f"{int(index)}.npy")))
+            state = _unpack(contents["state"], lambda index: _array_of(archive.read(f"{int(index)}.npy")))
         if not isinstance(state, dict):
             raise ValueError(f"a state that is {type(state).__name__}")
     except FileNotFoundError:
@@ -60,7 +60,7 @@ def read_state(path: Path | str, kind: str) -> dict[str, Any]:
     raise ValueError(f"{path} should be a {kind} of the format {_FORMAT!r}, whole; found {reason}")
 
 
-def _packed(value: Any, arrays: list[np.ndarray], where: str) -> Any:
+def _pack(value: Any, arrays: list[np.ndarray], where: str) -> Any:
     """The value for JSON; arrays go to the list."""
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -68,24 +68,24 @@ def _packed(value: Any, arrays: list[np.ndarray], where: str) -> Any:
         arrays.append(np.asarray(value))
         return {"array" if isinstance(value, np.ndarray) else "number": len(arrays) - 1}
     if type(value) in (list, tuple):
-        return {type(value).__name__: [_packed(part, arrays, f"{where}[{k}]") for k, part in enumerate(value)]}
+        return {type(value).__name__: [_pack(part, arrays, f"{where}[{k}]") for k, part in enumerate(value)]}
     if isinstance(value, Mapping) and all(type(key) is str for key in value):
-        return {"dict": {key: _packed(part, arrays, f"{where}[{key!r}]") for key, part in value.items()}}
+        return {"dict": {key: _pack(part, arrays, f"{where}[{key!r}]") for key, part in value.items()}}
     raise ValueError(
         f"{where} should consist of None, numbers, strings, arrays of numbers, lists, tuples and dicts to be saved; "
         f"found {type(value).__name__}"
     )
 
 
-def _unpacked(value: Any, array_at: Any) -> Any:
+def _unpack(value: Any, array_at: Any) -> Any:
     if not isinstance(value, dict):
         return value
     ((tag, content),) = value.items()
     if tag in ("array", "number"):
         return array_at(content) if tag == "array" else array_at(content)[()]
     if tag == "dict":
-        return {key: _unpacked(part, array_at) for key, part in content.items()}
-    return {"list": list, "tuple": tuple}[tag](_unpacked(part, array_at) for part in content)
+        return {key: _unpack(part, array_at) for key, part in content.items()}
+    return {"list": list, "tuple": tuple}[tag](_unpack(part, array_at) for part in content)
 
 
 def _bytes_of(array: np.ndarray) -> bytes:

@@ -14,7 +14,7 @@ from cpgrl_opt.validation import is_number, require_count
 
 from .carried import put_back, require_like, state_of
 from .channels import name_of
-from .described import described, described_environment, described_policy, first_difference
+from .description import describe, describe_environment, describe_policy, first_difference
 from .estimators import Estimate, Estimation, GradientEstimator
 from .estimators.learned_episodes import LearnedEpisodes, LearningEstimation
 from .learners import CPGRL, Learner, LearnerUpdate
@@ -22,7 +22,7 @@ from .policies import Policy
 from .policies.interface import parameter_vector
 from .saved_state import read_state, write_state
 from .streams import MOST_COUNTED, run_indices, run_streams
-from .updates import Course, DivergenceError, estimated, updated
+from .updates import Course, DivergenceError, estimate_episode, update_parameters
 
 __all__ = ["DivergenceError", "Initial", "Training", "TrainingRecord", "train", "uniform_parameters"]
 
@@ -119,9 +119,9 @@ class Training:
         self._learning, self._step = _compiled(self._estimation, learner, self._theta, self._course)
         self._environment = environment
         self._made_with = {  # before anybody counts anything in them
-            "policy": described_policy(policy),
-            "estimator": described(estimator),
-            "learner": described(learner),
+            "policy": describe_policy(policy),
+            "estimator": describe(estimator),
+            "learner": describe(learner),
             "runs": list(indices),
             "seed": int(seed),
         }
@@ -205,7 +205,7 @@ class Training:
             raise ValueError(f"a training should {what} between two episodes; found one that something ended halfway")
 
     def _settings(self) -> dict[str, Any]:
-        return {"environment": described_environment(self._environment), **self._made_with}
+        return {"environment": describe_environment(self._environment), **self._made_with}
 
     def _next(self) -> TrainingRecord:
         """Of episodes simulated ahead, or of one that is simulated now."""
@@ -219,8 +219,8 @@ class Training:
                 learned, self._ahead = self._ahead.learned, None
                 estimate, self._theta = learned.estimate(learned.made), learned.parameters[learned.made]
         episode = self._episode + 1
-        estimate = estimate or estimated(self._estimation, self._theta, self._course, episode)
-        theta, update = updated(estimate, self._learner, self._theta, self._memory, self._course, episode)
+        estimate = estimate or estimate_episode(self._estimation, self._theta, self._course, episode)
+        theta, update = update_parameters(estimate, self._learner, self._theta, self._memory, self._course, episode)
         self._theta, self._memory, self._episode = theta, update.memory, episode
         self._is_stationary = bool(update.stationary.all())
         return TrainingRecord(episode, theta, estimate, update)

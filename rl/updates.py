@@ -33,7 +33,9 @@ class Course:
     max_change: float
 
 
-def estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: Course, episode: int) -> Estimate:
+def estimate_episode(
+    estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: Course, episode: int
+) -> Estimate:
     """One episode; what is wrong with environment or policy is told with the run's own number."""
     try:
         estimate = estimation.episode(parameters)
@@ -47,7 +49,7 @@ def estimated(estimation: Estimation, parameters: Float[np.ndarray, "B n"], cour
     return estimate
 
 
-def updated(
+def update_parameters(
     estimate: Estimate,
     learner: Learner,
     parameters: Float[np.ndarray, "B n"],

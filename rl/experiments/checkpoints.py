@@ -89,7 +89,7 @@ class Checkpoints:
     parts: int
 
     @classmethod
-    def begun(cls, place: Path, key: Mapping[str, Any], every: float, parts: int) -> "Checkpoints":
+    def begin(cls, place: Path, key: Mapping[str, Any], every: float, parts: int) -> "Checkpoints":
         """Those of the experiment in this place, in as many parts as it began with; or none yet."""
         if not holds(place, key):
             forget(place)

@@ -11,8 +11,9 @@ from rich.table import Table
 
 from .json_file import write_json
 
-# Of an experiment's evidence: whether the claim holds, the numbers that decide, and the margins they are held against.
-Judge = Callable[[Any], tuple[bool, Mapping[str, float]]]
+# Whether a claim holds, the numbers that decide, and the margins they are held against.
+Verdict = tuple[bool, Mapping[str, float]]
+Judge = Callable[[Any], Verdict]  # of an experiment's evidence
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ class Experiment(ABC):
         }
         return ConstrainedStep(**(settings | changes))
 
-    def estimated(self) -> dict[str, Any]:
+    def estimator_settings(self) -> dict[str, Any]:
         """Settings of an estimator of eq. 3 and 4."""
         names = ("trace_decay", "average_rate", "steps", "gradient", "bias_correction")
         return {name: getattr(self, name) for name in names}

@@ -8,7 +8,7 @@ import numpy as np
 from cpgrl_opt.arrays import Float, Int
 from cpgrl_opt.comparison.recording import Recording
 
-from .subproblems import joined_recordings
+from .subproblems import join_recordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Outcome:
 Message = Block | Tick | Outcome
 
 
-def joined(parts: Sequence[Outcome]) -> Outcome:
+def join_outcomes(parts: Sequence[Outcome]) -> Outcome:
     """The outcome of all runs from those of shares, in their order."""
     first = parts[0]
     return Outcome(
@@ -79,5 +79,5 @@ def joined(parts: Sequence[Outcome]) -> Outcome:
         np.concatenate([part.parameters for part in parts]),
         {name: np.concatenate([part.counts[name] for part in parts]) for name in first.counts},
         {name: sum(part.totals[name] for part in parts) for name in first.totals},
-        joined_recordings([part.recording for part in parts]),
+        join_recordings([part.recording for part in parts]),
     )

@@ -16,7 +16,7 @@ from cpgrl_opt.solvers.packages import require_packages
 from ..parallel import split
 from .checkpoints import Checkpoints
 from .experiment import Experiment, Results
-from .messages import Block, Message, Outcome, joined
+from .messages import Block, Message, Outcome, join_outcomes
 from .share import Share, train_share
 from .tidy_csv import TidyCsv
 from .workers import run_tasks
@@ -61,11 +61,11 @@ def train(
                 listen(advance)
 
         task = partial(train_share, checkpoints=checkpoints)
-        outcomes = run_tasks(task, shared_out(experiment, parts), heard, processes=processes, meanwhile=meanwhile)
+        outcomes = run_tasks(task, share_out(experiment, parts), heard, processes=processes, meanwhile=meanwhile)
     return Results(
         experiment,
         {case.label: records.curves(case.label) for case in cases},
-        {case.label: joined([part for part in outcomes if part.label == case.label]) for case in cases},
+        {case.label: join_outcomes([part for part in outcomes if part.label == case.label]) for case in cases},
     )
 
 
@@ -77,7 +77,7 @@ def parts_for(experiment: Experiment, processes: int) -> int:
     return min(processes, -(-2 * processes // len(experiment.cases()))) if experiment.splits else 1
 
 
-def shared_out(experiment: Experiment, parts: int) -> list[Share]:
+def share_out(experiment: Experiment, parts: int) -> list[Share]:
     """Cases and runs, the longest first, so that at the end no process waits long for another."""
     cases = sorted(experiment.cases(), key=lambda case: case.rank)
     return [(experiment, case, tuple(runs)) for case in cases for runs in split(range(experiment.runs), parts)]

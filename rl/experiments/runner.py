@@ -57,7 +57,7 @@ def reproduce(
     key = key_of(experiment)
     with results_directory(directory, files_of(experiment), key) as place:
         was_stopped = holds(place, key)
-        checkpoints = Checkpoints.begun(place, key, checkpoint_every, parts_for(experiment, processes))
+        checkpoints = Checkpoints.begin(place, key, checkpoint_every, parts_for(experiment, processes))
         begun = perf_counter()
         results = train(
             experiment, place, processes=processes, listen=listen, meanwhile=_load, checkpoints=checkpoints

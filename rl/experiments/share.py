@@ -102,7 +102,7 @@ class _Course:
                 "recorder": state_of(self.recorder),
                 "blocks": {
                     "episode": [block.episode for block in self.blocks],
-                    "values": _stacked([block.values for block in self.blocks]),
+                    "values": _stack([block.values for block in self.blocks]),
                 },
                 "steps": self.steps,
                 "counts": self.counts,
@@ -125,6 +125,6 @@ class _Course:
         )  # fmt: skip
 
 
-def _stacked(records: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+def _stack(records: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     names = records[0] if records else ()
     return {name: np.stack([values[name] for values in records]) for name in names}

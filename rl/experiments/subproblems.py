@@ -41,7 +41,7 @@ class SubproblemRecorder(Recorder):
         return {field.name: getattr(recording, field.name) for field in fields(recording)}
 
 
-def joined_recordings(recordings: Iterable[Recording | None]) -> Recording | None:
+def join_recordings(recordings: Iterable[Recording | None]) -> Recording | None:
     """One of all; None where nothing was recorded."""
     parts = [part for part in recordings if part is not None]
     return joined(parts) if parts else None
@@ -55,7 +55,7 @@ def write_subproblems(recordings: Iterable[Recording | None], directory: Path) -
     parts = [part for part in recordings if part is not None]
     shape = next((part.jacobian.shape[1:] for part in parts if len(part)), None)
     fitting = [part for part in parts if not len(part) or part.jacobian.shape[1:] == shape]
-    recording = joined_recordings(fitting)
+    recording = join_recordings(fitting)
     if recording is None:
         return []
     recording.save(directory / FILE)

@@ -14,7 +14,7 @@ import numpy as np
 from cpgrl_opt.comparison.machine import versions
 from cpgrl_opt.comparison.sources import sources_of
 
-from ..described import described
+from ..description import describe
 from ..experiments.checkpoints import sources_digest
 from ..training import TrainingRecord
 
@@ -96,7 +96,7 @@ def _since(begun: float) -> float:
 
 def key_of(settings: Mapping[str, Any], seed: int, context: str) -> str:
     """A digest of what a cell's numbers depend on; context: of `context_of`."""
-    facts = [{name: described(value) for name, value in settings.items()}, seed, context]
+    facts = [{name: describe(value) for name, value in settings.items()}, seed, context]
     return _digest(facts)
 
 
@@ -108,7 +108,7 @@ def context_of(training: TrainingFunction, measure: Measure, every: int) -> str:
 def _made_of(function: Any) -> Any:
     """A function's name, source, what it encloses, and the sources of its module and of all that imports."""
     while hasattr(function, "func"):  # of functools.partial
-        return [_made_of(function.func), described([function.args, function.keywords])]
+        return [_made_of(function.func), describe([function.args, function.keywords])]
     found = function if hasattr(function, "__code__") else type(function)
     try:
         source = inspect.getsource(found)
@@ -118,7 +118,7 @@ def _made_of(function: Any) -> Any:
     defaults = [getattr(found, name, None) for name in ("__defaults__", "__kwdefaults__")]  # a loop's variable, often
     owner = getattr(found, "__self__", None) if found is function else function
     sources = _sources_of(found.__module__ or "__main__")
-    return [found.__module__, found.__qualname__, source, described([enclosed, defaults, owner]), sources]
+    return [found.__module__, found.__qualname__, source, describe([enclosed, defaults, owner]), sources]
 
 
 @cache

@@ -98,7 +98,7 @@ def rows_of(cell: Cell, outcome: Outcome, names: Sequence[str]) -> Iterator[dict
 
 def plain(value: Any) -> Any:
     """A setting as a table holds it: numbers and texts as they are, what is made of parts as JSON."""
-    from ..described import described
+    from ..description import describe
 
-    found = described(value)
+    found = describe(value)
     return found if found is None or isinstance(found, (bool, int, float, str)) else json.dumps(found)

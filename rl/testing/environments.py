@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.interface import continuous_kernels_of, finite_kernel_of
 
-from ..channels import declared, event_key, layers
+from ..channels import event_key, find_declaration, layers
 from .contract import isolatable, require
 from .kernels import check_continuous_kernels, check_finite_kernel
 
@@ -83,7 +83,7 @@ def _check_spaces(env: Any) -> gymnasium.spaces.Box:
     for name in ("observation_space", "action_space"):
         found = getattr(env, name, None)
         require(isinstance(found, gymnasium.Space), f"{name} should be a Gymnasium space", repr(found))
-    space: Any = declared(env, "reward_space")
+    space: Any = find_declaration(env, "reward_space")
     require(
         isinstance(space, gymnasium.spaces.Box) and len(space.shape) == 1 and space.shape[0] >= 1,
         "reward_space should be a Box of shape (1 + m,), channel 0 the objective",

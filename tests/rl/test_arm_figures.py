@@ -15,8 +15,8 @@ from rl.experiments.arm.figures import touches_figure, workspace_figure
 from rl.experiments.arm.paths import (
     ArmPath,
     arm_path,
+    count_touches,
     starts_beside_aversive,
-    touched_from,
     typical_path,
     typical_run,
 )
@@ -80,7 +80,7 @@ def test_the_typical_path_has_median_length_among_those_that_end_as_most_do(monk
 
 
 def test_ends_from_all_around_are_counted_per_hundred_episodes_and_the_typical_run_is_nearest_to_the_mean():
-    ends = touched_from(ARM, [homing()], STARTS, np.random.default_rng(1))
+    ends = count_touches(ARM, [homing()], STARTS, np.random.default_rng(1))
     assert list(ends) == [*ARM.events, "none"]
     assert ends["square"] >= 70
     assert sum(ends.values()) == pytest.approx(100)

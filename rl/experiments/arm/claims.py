@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..claims import Statements
+from ..claims import Statements, Verdict
 from .bound import greatest_average_r3
 from .conditions import threshold_of_r3
 from .curves import TouchCurves
@@ -21,8 +21,6 @@ SETTLED = 1000  # "after about 1 × 10³ episodes"
 SECTION, OURS = "§4.2", "not in the paper"
 FIG7A, FIG7B, FIG7C = "§4.2, Fig. 7 (a)", "§4.2, Fig. 7 (b)", "§4.2, Fig. 7 (c)"
 OTHERS = ("circle", "star", "triangle")  # than the square
-
-Found = tuple[bool, dict[str, float]]  # whether a claim holds, and what was measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ class ArmEvidence:
     FIG7A,
     needs=("a",),
 )
-def a_learns_touching(evidence: ArmEvidence) -> Found:
+def a_learns_touching(evidence: ArmEvidence) -> Verdict:
     """(a): at most 5 of 100 late episodes end without a touch."""
     none = evidence.late("a")["none"]
     return none <= 5, {"episodes_without_touch": none, "at_most": 5}
@@ -64,7 +62,7 @@ def a_learns_touching(evidence: ArmEvidence) -> Found:
     FIG7B,
     needs=("b",),
 )
-def b_touches_star_early(evidence: ArmEvidence) -> Found:
+def b_touches_star_early(evidence: ArmEvidence) -> Verdict:
     """(b): at least 8 of 100 among the first episodes."""
     star = evidence.early("b")["star"]
     return star >= 8, {"star_first": star, "at_least": 8}
@@ -76,7 +74,7 @@ def b_touches_star_early(evidence: ArmEvidence) -> Found:
     FIG7B,
     needs=("b",),
 )
-def b_avoids_star(evidence: ArmEvidence) -> Found:
+def b_avoids_star(evidence: ArmEvidence) -> Verdict:
     """(b): in the thousand episodes from SETTLED on, and at last, at most 10 of 100, and 0.6 times the early rate."""
     first, last = evidence.early("b")["star"], evidence.late("b")["star"]
     after = evidence.curves["b"].within(SETTLED, 2 * SETTLED).mean_rates()["star"]
@@ -92,7 +90,7 @@ def b_avoids_star(evidence: ArmEvidence) -> Found:
     FIG7B,
     needs=("b",),
 )
-def b_touches_triangle(evidence: ArmEvidence) -> Found:
+def b_touches_triangle(evidence: ArmEvidence) -> Verdict:
     """(b): at least 50 of 100 late episodes, and 60 of 100 from beside the star, end at the triangle."""
     late, beside = evidence.late("b"), evidence.beside_star
     measured = {**_named("late", late), "late_at_least": 50, **_named("beside_star", beside)}
@@ -105,14 +103,14 @@ def b_touches_triangle(evidence: ArmEvidence) -> Found:
     "§4.1, eq. of r²",
     needs=("b",),
 )
-def b_keeps_angles(evidence: ArmEvidence) -> Found:
+def b_keeps_angles(evidence: ArmEvidence) -> Verdict:
     """(b): at most 1 % of the last steps leave the box of r²."""
     outside = float(evidence.curves["b"].late().outside().mean())
     return outside <= 0.01, {"share_outside": outside, "at_most": 0.01}
 
 
 @STATEMENTS.add("c-square-increases", "the number of touches on the square objects increases", FIG7C, needs=("c",))
-def c_square_increases(evidence: ArmEvidence) -> Found:
+def c_square_increases(evidence: ArmEvidence) -> Verdict:
     """(c): at least 80 of 100 late episodes, and 1.1 times as many as in the first block."""
     first, last = evidence.opening("c")["square"], evidence.late("c")["square"]
     measured = {"square_first_block": first, "square_last": last, "at_least": 80, "times_first": 1.1}
@@ -120,7 +118,7 @@ def c_square_increases(evidence: ArmEvidence) -> Found:
 
 
 @STATEMENTS.add("c-others-vanish", "while those on other objects are gradually reduced to zero", FIG7C, needs=("c",))
-def c_others_vanish(evidence: ArmEvidence) -> Found:
+def c_others_vanish(evidence: ArmEvidence) -> Verdict:
     """(c): circle, star and triangle together at most 15 of 100 at last, and half of the first block's."""
     learned = evidence.curves["c"]
     first, last = (sum(rates[name] for name in OTHERS) for rates in (evidence.opening("c"), evidence.late("c")))
@@ -136,7 +134,7 @@ def c_others_vanish(evidence: ArmEvidence) -> Found:
     SECTION,
     needs=("b", "c"),
 )
-def threshold_matters(evidence: ArmEvidence) -> Found:
+def threshold_matters(evidence: ArmEvidence) -> Verdict:
     """(c) touches the square at least 50 times more of 100 than (b)."""
     with_zero, with_half = (evidence.late(name)["square"] for name in ("b", "c"))
     measured = {"square_b": with_zero, "square_c": with_half, "difference_at_least": 50}
@@ -149,7 +147,7 @@ def threshold_matters(evidence: ArmEvidence) -> Found:
     OURS,
     needs=("a",),
 )
-def a_winner_takes_all(evidence: ArmEvidence) -> Found:
+def a_winner_takes_all(evidence: ArmEvidence) -> Verdict:
     """(a), mean over the runs: the most touched object has 50 of 100 late episodes, and twice the second's."""
     learned = evidence.curves["a"]
     rates = learned.late().rates()[:, :-1]
@@ -165,7 +163,7 @@ def a_winner_takes_all(evidence: ArmEvidence) -> Found:
     OURS,
     needs=("c",),
 )
-def c_out_of_reach(evidence: ArmEvidence) -> Found:
+def c_out_of_reach(evidence: ArmEvidence) -> Verdict:
     """(c): the bound on ρ³, and what every run reaches, lie below G³."""
     threshold, bound = threshold_of_r3("c"), greatest_average_r3(evidence.curves["c"].arm)
     reached = float(max(learned.late().average_r3("step").max() for learned in evidence.curves.values()))
@@ -179,13 +177,13 @@ def c_out_of_reach(evidence: ArmEvidence) -> Found:
     OURS,
     needs=("c-episode",),
 )
-def c_episode_met(evidence: ArmEvidence) -> Found:
+def c_episode_met(evidence: ArmEvidence) -> Verdict:
     """(c) with ρ³ per episode: at least 0.6 at last, with slack over 0.5."""
     return _meets(evidence, "c-episode", "episode", 0.6)
 
 
 @STATEMENTS.add("c-feasible-met", "G³ = 0.1 per step, which is feasible, is met", OURS, needs=("c-feasible",))
-def c_feasible_met(evidence: ArmEvidence) -> Found:
+def c_feasible_met(evidence: ArmEvidence) -> Verdict:
     """(c) with G³ = 0.1: ρ³ at least 0.08 per step at last, the threshold but for a fifth."""
     return _meets(evidence, "c-feasible", "step", 0.08)
 
@@ -196,7 +194,7 @@ def c_feasible_met(evidence: ArmEvidence) -> Found:
     OURS,
     needs=("c", "c-no-projection"),
 )
-def projection_not_shown(evidence: ArmEvidence) -> Found:
+def projection_not_shown(evidence: ArmEvidence) -> Verdict:
     """(c) without P: every rate within 15 of 100 of (c)'s."""
     projected, whole = evidence.late("c"), evidence.late("c-no-projection")
     apart = max(abs(projected[name] - whole[name]) for name in projected)
@@ -204,7 +202,7 @@ def projection_not_shown(evidence: ArmEvidence) -> Found:
     return apart <= 15, {"largest_difference": apart, "at_most": 15, **rates}
 
 
-def _meets(evidence: ArmEvidence, condition: str, unit: str, least: float) -> Found:
+def _meets(evidence: ArmEvidence, condition: str, unit: str, least: float) -> Verdict:
     average = float(evidence.curves[condition].late().average_r3(unit).mean())
     measured = {f"average_per_{unit}": average, "threshold": threshold_of_r3(condition), "at_least": least}
     return average >= least, {**measured, **_named("late", evidence.late(condition))}

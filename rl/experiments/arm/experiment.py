@@ -26,7 +26,7 @@ from .claims import STATEMENTS, ArmEvidence
 from .conditions import CONDITIONS, PAPER
 from .curves import ARM, OUTCOMES, TouchCurves, TouchRecorder
 from .figures import touches_figure, workspace_figure
-from .paths import arm_path, starts_beside_aversive, touched_from, typical_path, typical_run
+from .paths import arm_path, count_touches, starts_beside_aversive, typical_path, typical_run
 from .tables import formulation_table
 
 ESTIMATORS = ("konda", "gpomdp")
@@ -102,7 +102,7 @@ class ArmExperiment(Experiment):
 
     def gradient_estimator(self, condition: str) -> GradientEstimator:
         """Eq. 5, or eq. 3, with eq. 4."""
-        shared = {**self.estimated(), "average": CONDITIONS[condition].average}
+        shared = {**self.estimator_settings(), "average": CONDITIONS[condition].average}
         if self.estimator == "gpomdp":
             return GPOMDP(**shared)
         return KondaActorCritic(**shared, critic_rate=self.critic_rate)
@@ -162,7 +162,7 @@ class ArmExperiment(Experiment):
         if "b" not in curves:
             return STATEMENTS.judge(ArmEvidence(curves))
         policies = [arm_policy(ARM).with_parameters(own) for own in results.outcomes["b"].parameters]
-        beside_star = touched_from(ARM, policies, starts_beside_aversive(ARM), self._rng("b"))
+        beside_star = count_touches(ARM, policies, starts_beside_aversive(ARM), self._rng("b"))
         return STATEMENTS.judge(ArmEvidence(curves, beside_star))
 
     def figures(self, results: Results) -> Figures:

@@ -70,7 +70,7 @@ def starts_beside_aversive(arm: TwoLinkArm) -> Float[np.ndarray, "directions 2"]
     return np.array([free[np.hypot(*(points - goal).T).argmin()] for goal in goals])
 
 
-def touched_from(
+def count_touches(
     arm: TwoLinkArm,
     policies: Sequence[NormalizedGaussianNetwork],
     starts: Float[np.ndarray, "starts 2"],

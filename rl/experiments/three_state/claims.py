@@ -13,7 +13,7 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 
 from ..bootstrap import spread
-from ..claims import Statements
+from ..claims import Statements, Verdict
 from .curves import LearningCurves
 
 STATEMENTS = Statements()
@@ -24,8 +24,6 @@ SETTLED = 1000  # "after 1 × 10³-th episode"
 SMALL = 0.02  # reward per step: what counts as satisfied, as a small spread; the rewards are of order 1
 TIGHT = 0.01  # reward per step: the level at which times until the constraints are satisfied are compared
 CHOSEN = 0.95  # mean probability from which on a policy is said to have settled on an action
-
-Found = tuple[bool, dict[str, float]]  # whether a claim holds, and what was measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ class Evidence:
     "The CPGRL found the parameters that satisfy the inequality constraints at the very early stage of learning",
     FIG4,
 )
-def cpgrl_satisfies_early(evidence: Evidence) -> Found:
+def cpgrl_satisfies_early(evidence: Evidence) -> Verdict:
     """Mean violation ≤ SMALL at every record since VERY_EARLY."""
     worst, early = evidence.violation("cpgrl", VERY_EARLY), evidence.moment(VERY_EARLY)
     satisfied = evidence.satisfied_from("cpgrl")
@@ -96,7 +94,7 @@ def cpgrl_satisfies_early(evidence: Evidence) -> Found:
     "(judged by the policies' exact averages, not by the estimates of Fig. 4)",
     FIG4,
 )
-def cpgrl_spread_small(evidence: Evidence) -> Found:
+def cpgrl_spread_small(evidence: Evidence) -> Verdict:
     """Spread of the exact ρ² … ρ⁴ over two runs or more ≤ SMALL at every record since SETTLED.
 
     That of the estimates, which Fig. 4 shows, is told beside it: α_r = 0.02 averages over 50 steps only, so that it
@@ -115,14 +113,14 @@ def cpgrl_spread_small(evidence: Evidence) -> Found:
     FIG4,
     about=PRINTED,
 )
-def conb_satisfies(evidence: Evidence) -> Found:
+def conb_satisfies(evidence: Evidence) -> Verdict:
     """CONB's mean violation ≤ SMALL at the end."""
     worst = evidence.violation("conb", int(evidence.curves["conb"].episodes[-1]))
     return worst <= SMALL, {"mean_violation": worst, "at_most": SMALL}
 
 
 @STATEMENTS.add("conb-takes-longer", "but it took a longer time than the CPGRL", FIG4, about=PRINTED)
-def conb_slower(evidence: Evidence) -> Found:
+def conb_slower(evidence: Evidence) -> Verdict:
     """CONB's constraints are satisfied within TIGHT for good 1.25 times later than CPGRL's, or later still."""
     cpgrl, conb = evidence.satisfied_from("cpgrl"), evidence.satisfied_from("conb")
     found = {"cpgrl_satisfied_from_episode": cpgrl, "conb_satisfied_from_episode": conb}
@@ -135,7 +133,7 @@ def conb_slower(evidence: Evidence) -> Found:
     "optimal policy that satisfied all constraints",
     SECTION,
 )
-def cpgrl_reaches_optimum(evidence: Evidence) -> Found:
+def cpgrl_reaches_optimum(evidence: Evidence) -> Verdict:
     """Mean final ρ¹ within 5 % of the exact constrained optimum, and above where it began."""
     learned, best = evidence.curves["cpgrl"].exact[:, :, 0], float(evidence.optimum[0])
     first, last = float(learned[:, 0].mean()), float(learned[:, -1].mean())
@@ -145,7 +143,7 @@ def cpgrl_reaches_optimum(evidence: Evidence) -> Found:
 
 
 @STATEMENTS.add("conb-fails-to-maximise", "the CONB failed to maximize the average reward of r¹", FIG4, about=PRINTED)
-def conb_fails_to_maximise(evidence: Evidence) -> Found:
+def conb_fails_to_maximise(evidence: Evidence) -> Verdict:
     """Mean final ρ¹ at most three quarters of the optimum."""
     last, best = evidence.final("conb", 0), float(evidence.optimum[0])
     measured = {"last": float(last.mean()), "last_spread": float(spread(last)), "optimum": best, "at_most": 0.75 * best}
@@ -158,7 +156,7 @@ def conb_fails_to_maximise(evidence: Evidence) -> Found:
     FIG5,
     about=PRINTED,
 )
-def conb_rarely_follows_r1(evidence: Evidence) -> Found:
+def conb_rarely_follows_r1(evidence: Evidence) -> Verdict:
     """At most 10 % of CONB's updates go along Δ¹; 0 here, since ρ² + ρ³ + ρ⁴ = 0 (docs/reproduction.md, slip 6)."""
     return evidence.objective_share <= 0.1, {"share_of_updates": evidence.objective_share, "at_most": 0.1}
 
@@ -169,7 +167,7 @@ def conb_rarely_follows_r1(evidence: Evidence) -> Found:
     FIG4,
     about=PRINTED,
 )
-def conb_spreads_more(evidence: Evidence) -> Found:
+def conb_spreads_more(evidence: Evidence) -> Verdict:
     """In every channel CONB's spread is twice CPGRL's or more, estimated as in Fig. 4 and exact."""
     kinds = ("estimated", "exact")
     cpgrl, conb = ({kind: evidence.mean_spread(method, kind) for kind in kinds} for method in ("cpgrl", "conb"))
@@ -186,7 +184,7 @@ def conb_spreads_more(evidence: Evidence) -> Found:
 @STATEMENTS.add(
     "sum-violates-r3", "The performance of the SUM was different … because the constraint on r³ was violated", FIG4
 )
-def sum_violates_r3(evidence: Evidence) -> Found:
+def sum_violates_r3(evidence: Evidence) -> Verdict:
     """ρ³ at least 0.3 below its threshold at the end of every run."""
     shortfall = evidence.thresholds[1] - evidence.final("sum", 2)
     least = float(shortfall.min())
@@ -194,7 +192,7 @@ def sum_violates_r3(evidence: Evidence) -> Found:
 
 
 @STATEMENTS.add("sum-best-r1", "the SUM obtained the best average reward on r¹", FIG4, about=PRINTED)
-def sum_best_reward(evidence: Evidence) -> Found:
+def sum_best_reward(evidence: Evidence) -> Verdict:
     """SUM's mean final ρ¹ at least 1.2 times CPGRL's and CONB's."""
     last = {method: float(evidence.final(method, 0).mean()) for method in evidence.curves}
     others = max(last["cpgrl"], last["conb"])
@@ -207,7 +205,7 @@ def sum_best_reward(evidence: Evidence) -> Found:
     FIG5,
     about=PRINTED,
 )
-def all_choose_a1_in_s1(evidence: Evidence) -> Found:
+def all_choose_a1_in_s1(evidence: Evidence) -> Verdict:
     """Mean Pr(a₁|s₁) ≥ 0.9 in all three methods."""
     first = {method: float(evidence.probabilities(method)[0, 0]) for method in evidence.curves}
     return min(first.values()) >= 0.9, {**first, "at_least": 0.9}
@@ -218,7 +216,7 @@ def all_choose_a1_in_s1(evidence: Evidence) -> Found:
     "the CPGRL successfully obtained the optimal policy (to select a₁ in each state)",
     "§3.1 and §3.2, Fig. 5",
 )
-def cpgrl_chooses_a1(evidence: Evidence) -> Found:
+def cpgrl_chooses_a1(evidence: Evidence) -> Verdict:
     """Mean Pr(a₁|s) ≥ CHOSEN in every state."""
     chosen = _by_state("probability", evidence.probabilities("cpgrl")[:, 0])
     return min(chosen.values()) >= CHOSEN, {**chosen, "at_least": CHOSEN}
@@ -230,7 +228,7 @@ def cpgrl_chooses_a1(evidence: Evidence) -> Found:
     FIG5,
     about=PRINTED,
 )
-def conb_and_sum_inappropriate(evidence: Evidence) -> Found:
+def conb_and_sum_inappropriate(evidence: Evidence) -> Verdict:
     """Mean Pr(a₁|s) ≤ CHOSEN in s₂ and s₃ for both; SUM in s₃ ends near a₁ in about half of the runs, and slowly."""
     conb, total = (evidence.probabilities(method)[:, 0] for method in ("conb", "sum"))
     measured = {**_by_state("conb", conb), **_by_state("sum", total), "at_most": CHOSEN}
@@ -238,7 +236,7 @@ def conb_and_sum_inappropriate(evidence: Evidence) -> Found:
 
 
 @STATEMENTS.add("sum-chooses-a3-in-s2", "the SUM leaned to select a₃ at s₂", FIG5)
-def sum_chooses_a3_in_s2(evidence: Evidence) -> Found:
+def sum_chooses_a3_in_s2(evidence: Evidence) -> Verdict:
     """Mean Pr(a₃|s₂) ≥ 0.9."""
     chosen = float(evidence.probabilities("sum")[1, 2])
     return chosen >= 0.9, {"probability": chosen, "at_least": 0.9}

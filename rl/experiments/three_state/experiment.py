@@ -93,7 +93,7 @@ class ThreeStateExperiment(Experiment):
 
     def estimator(self) -> GPOMDP:
         """Eq. 3 and 4."""
-        return GPOMDP(**self.estimated())
+        return GPOMDP(**self.estimator_settings())
 
     def learner(self, case: ThreeStateCase) -> Learner:
         """CPGRL, CONB or SUM."""

@@ -16,7 +16,7 @@ _DEEP = 8  # dataclasses within each other
 _PLAIN = (bool, int, float, str, type(None))
 
 
-def described(value: Any, depth: int = _DEEP) -> Any:
+def describe(value: Any, depth: int = _DEEP) -> Any:
     """For JSON: numbers, texts as they are, arrays by value or digest, dataclasses and others by class and parts."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -29,22 +29,22 @@ def described(value: Any, depth: int = _DEEP) -> Any:
     if depth == 0:  # whoever holds himself has no end
         return _name(value)
     if isinstance(value, (tuple, list)):
-        return [described(part, depth - 1) for part in value]
+        return [describe(part, depth - 1) for part in value]
     if isinstance(value, Mapping):
-        return {str(key): described(part, depth - 1) for key, part in value.items()}
+        return {str(key): describe(part, depth - 1) for key, part in value.items()}
     if isinstance(value, functools.partial):
         value = {"function": value.func, "arguments": value.args, "named": value.keywords}
-        return described(value, depth)
-    return {"class": _name(value), **{name: described(part, depth - 1) for name, part in _settings(value).items()}}
+        return describe(value, depth)
+    return {"class": _name(value), **{name: describe(part, depth - 1) for name, part in _settings(value).items()}}
 
 
-def described_policy(policy: Any) -> Any:
+def describe_policy(policy: Any) -> Any:
     """Without θ, which goes on from what is saved."""
-    found = described(policy)
+    found = describe(policy)
     return {**{name: part for name, part in found.items() if name != "parameters"}, "n": np.size(policy.parameters)}
 
 
-def described_environment(environment: Any) -> Any:
+def describe_environment(environment: Any) -> Any:
     """Its classes, wrappers first, and what it declares: a finite MDP, kernels, Gymnasium's spec and spaces.
 
     Other attributes are not looked at: they change as the environment runs.
@@ -55,12 +55,12 @@ def described_environment(environment: Any) -> Any:
     found = {
         "classes": [_name(layer) for layer in layers(environment)],
         "event_key": event_key(environment),
-        "spec": None if spec is None else described([getattr(spec, "id", ""), getattr(spec, "kwargs", {})]),
+        "spec": None if spec is None else describe([getattr(spec, "id", ""), getattr(spec, "kwargs", {})]),
     }
     for name in ("observation_space", "action_space", "reward_space"):
         found[name] = repr(getattr(environment, name, None))
     kernel, kernels = finite_kernel_of(environment), continuous_kernels_of(environment)
-    return {**found, "finite": described(kernel), "kernels": described(kernels)}
+    return {**found, "finite": describe(kernel), "kernels": describe(kernels)}
 
 
 def first_difference(wanted: Any, found: Any, where: str) -> str | None:
