@@ -19,6 +19,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
+from numbers import Real
 from signal import Signals
 from statistics import median
 from time import monotonic
@@ -32,6 +33,7 @@ START_LIMIT = 600.0  # s, for imports and, on a machine's first day, for compili
 _LOOK_EVERY = 0.05  # s: how late a limit is noticed
 _TELLING = 0.3  # s, for the process to write where it is
 _SHOWN = 4000  # the last characters of what it wrote that are looked at: a stack of frames is as long
+_MOST_MEMORY = 2**62  # bytes: what a limit of the system's can hold, and more than there is
 _MOST_OUTPUT = 2**26  # bytes, 64 MiB: a loop that prints fills a disk in a minute
 # Whoever prints λ would seem to crash where the locale is C.
 _ANY_TEXT = {"PYTHONIOENCODING": "utf-8:replace"}
@@ -77,10 +79,12 @@ class Isolated:
     ) -> None:
         import cloudpickle  # takes what is defined in __main__, and functions of functions
 
-        if not 0 < time_limit < float("inf"):
-            raise ValueError(f"time_limit should be a number of seconds > 0; found {time_limit:g}")
-        if memory_limit is not None and not memory_limit > 0:
-            raise ValueError(f"memory_limit should be a number of bytes > 0, or None; found {memory_limit}")
+        _require_positive("time_limit", "seconds", time_limit)
+        if memory_limit is not None:
+            _require_positive("memory_limit", "bytes", memory_limit)
+            memory_limit = min(int(memory_limit), _MOST_MEMORY)
+        if solver is None and not callable(make):
+            raise ValueError(f"solver should be an object, or make a function that returns one; found {make!r}")
         self.time_limit, self.memory_limit = time_limit, memory_limit
         self.losses = 0  # processes that hung or crashed
         self._seconds: deque[float] = deque(maxlen=100)  # of the last calls that were answered
@@ -183,6 +187,11 @@ class Isolated:
         if process is not None:
             self._finalizer.detach()
             process.end()
+
+
+def _require_positive(name: str, unit: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < float("inf"):
+        raise ValueError(f"{name} should be a number of {unit} > 0; found {value!r}")
 
 
 def apply(function: Callable[..., Any], solver: Any, *arguments: Any) -> Any:

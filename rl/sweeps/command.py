@@ -16,9 +16,8 @@ from ..observers import ProgressBars
 from ..training import TrainingRecord
 from .cell import Outcome
 from .curves import draw_curves, learning_curves
-from .engines import require_engine
 from .store import TABLE, write_csv
-from .sweep import Sweep, combinations, sweep
+from .sweep import Sweep, combinations, plan, sweep
 
 CURVES, FIGURE = "curves.csv", "curves.png"
 
@@ -37,8 +36,8 @@ def run_sweep(target: str, over: Sequence[str], out: Path, **asked: Any) -> tupl
         training = _experiment_training(target, settings)
     else:
         training = _function(target)
-    require_engine(asked["engine"], asked["jobs"])  # before there is a folder
-    trainings = len(combinations(settings)) * len(asked["seeds"])
+    chosen = {name: value for name, value in asked.items() if name != "anew"}
+    trainings = len(plan(training, settings, **chosen))  # refuses before there is a folder
     with reserved(out):  # until the curves are there too: they are of this table
         with ProgressBars({"trainings": trainings}) as bars:
 

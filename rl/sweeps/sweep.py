@@ -95,14 +95,7 @@ def sweep(
     FolderInUseError, MissingEngineError
         See there.
     """
-    require_count("every", every)
-    require_engine(engine, jobs)
-    points = combinations(settings)
-    _require_taken(training, points)
-    context = context_of(training, measure, every)
-    cells = [Cell(point, seed, key_of(point, seed, context)) for point in points for seed in _seeds(seeds)]
-    if len({cell.key for cell in cells}) < len(cells):
-        raise ValueError(f"settings should differ in numbers, texts, names or classes; found two alike in {settings!r}")
+    cells = plan(training, settings, seeds=seeds, every=every, measure=measure, engine=engine, jobs=jobs)
     with store(None if out is None else Path(out), anew=anew) as kept:
         missing = [cell for cell in cells if cell.key not in kept.found]
         ended = dict(kept.found)
@@ -113,10 +106,32 @@ def sweep(
             if listen is not None:
                 listen(done, len(cells), outcome)
         names = list(dict.fromkeys(name for cell in cells for name in ended[cell.key].values))
-        columns = [*points[0], "seed", "run", "episode", "channel", *names, "error"]
+        columns = [*cells[0].settings, "seed", "run", "episode", "channel", *names, "error"]
         rows = [row for cell in cells for row in rows_of(cell, ended[cell.key], names)]
         kept.write(columns, rows)
     return Sweep(columns, rows, len(missing))
+
+
+def plan(
+    training: TrainingFunction,
+    settings: Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]],
+    *,
+    seeds: int | Sequence[int],
+    every: int,
+    measure: Measure = estimates,
+    engine: str = "loky",
+    jobs: int = 1,
+) -> list[Cell]:
+    """What `sweep` trains, in the order of its table; raises what `sweep` does before it trains."""
+    require_count("every", every)
+    require_engine(engine, jobs)
+    points = combinations(settings)
+    _require_taken(training, points)
+    context = context_of(training, measure, every)
+    cells = [Cell(point, seed, key_of(point, seed, context)) for point in points for seed in _seeds(seeds)]
+    if len({cell.key for cell in cells}) < len(cells):
+        raise ValueError(f"settings should differ in numbers, texts, names or classes; found two alike in {settings!r}")
+    return cells
 
 
 def combinations(settings: Any) -> list[dict[str, Any]]:

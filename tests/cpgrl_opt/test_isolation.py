@@ -251,10 +251,22 @@ def test_a_solver_looks_the_same_and_the_callers_process_is_not_touched(capfd):
     assert call(lambda x: x + 1, 2, time_limit=60.0) == 3
 
 
-@pytest.mark.parametrize("wrong", [{"time_limit": 0.0}, {"time_limit": float("nan")}, {"memory_limit": -1}])
-def test_wrong_limits_say_what_should_be(wrong):
-    with pytest.raises(ValueError, match=rf"{next(iter(wrong))} should be a number of"):
-        Isolated(None, **wrong)
+@pytest.mark.parametrize("name", ["time_limit", "memory_limit"])
+@pytest.mark.parametrize("value", [0.0, -1, float("nan"), float("inf"), "10", True, [1.0]])
+def test_wrong_limits_say_what_should_be(name, value):
+    with pytest.raises(ValueError, match=rf"{name} should be a number of"):
+        Isolated(SOLVERS["nnls"], **{name: value})
+
+
+def test_nothing_to_isolate_is_refused():
+    with pytest.raises(ValueError, match="solver should be an object, or make a function"):
+        Isolated()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone keeps it")
+@pytest.mark.parametrize("limit", [4e9, 1e30])
+def test_a_limit_of_memory_may_be_written_as_one_likes(limit):
+    assert call(sum, [1, 2], time_limit=60.0, memory_limit=limit) == 3
 
 
 CALLER = """

@@ -71,6 +71,7 @@ def test_a_function_of_ones_own_is_swept_and_what_breaks_is_told(tmp_path, monke
         (["three-state", "--over", "solver"], "over should be name=value,value; found 'solver'"),
         (["three-state", "--over", "solver=rosn"], "solver should be one of"),
         (["three-state", "--over", "rate=1"], "three-state has the settings training, runs"),
+        (["three-state", "--over", "episodes=20,20"], "settings should differ"),
         (["three-state", "--over", "training=all"], "training should be one of cpgrl"),
         (["three-state", "--over", f"steps={10**23}"], "steps should be an integer"),
         (["three-state", "--seeds", "few"], "seeds should be a number"),
