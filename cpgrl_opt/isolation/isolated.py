@@ -190,7 +190,7 @@ class Isolated:
 
 
 def _require_positive(name: str, unit: str, value: Any) -> None:
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < float("inf"):
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < float(value) < float("inf"):
         raise ValueError(f"{name} should be a number of {unit} > 0; found {value!r}")
 
 
