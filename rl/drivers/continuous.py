@@ -51,13 +51,13 @@ class ContinuousDriver:
         """One episode of each run in one call."""
         functions = {RESET_SIGNATURE: self.kernels.reset, STEP_SIGNATURE: self.kernels.step}
         fixed = (self.kernels.constants, self.limit, *self.network)
-        theta = _exchanged(parameters, -1, self.dimensions)
+        theta = _exchanged(parameters, self.shape[2] // self.dimensions, self.dimensions)
         play(advance, step, functions, *fixed, theta, self.random_states, batch)
         batch.gradients[...], batch.spans[...] = self.in_order(batch.gradients), self.in_order(batch.spans)
 
     def in_order(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Rows and columns exchanged back."""
-        return _exchanged(vectors, self.dimensions, -1)
+        return _exchanged(vectors, self.dimensions, self.shape[2] // self.dimensions)
 
     def __getstate__(self) -> dict[str, Any]:
         kernels = {field.name: _by_name(getattr(self.kernels, field.name)) for field in fields(self.kernels)}

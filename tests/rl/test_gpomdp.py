@@ -1,7 +1,7 @@
 """GPOMDP: compiled = plain = eq. 3–4; its mean is the exact expectation; its long-run limit is the linear solve's."""
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -50,71 +50,6 @@ def words(stream: np.random.SeedSequence):
         s0 ^= s3
         s2 ^= t
         s3 = rotated(s3, 45)
-
-
-class Replay:
-    """The MDP as an environment and a policy that draw from one word a step, as the compiled kernel does."""
-
-    def __init__(self, mdp: TabularMDP, stream: np.random.SeedSequence) -> None:
-        self.mdp, self.words, self.reward_channels = mdp, words(stream), mdp.reward_channels
-        self.state, self.low = mdp.start, 0.0
-
-    def reset(self, seed: int):  # noqa: ARG002
-        self.state = self.mdp.start
-        return self.state, {}
-
-    def uniform_for_action(self) -> float:
-        word = next(self.words)
-        self.low = (word & 0xFFFFFFFF) / 2**32
-        return (word >> 32) / 2**32
-
-    def step(self, action: int):
-        reward = self.mdp.rewards[:, self.state, action]
-        row = self.mdp.finite_kernel().transition_cumulative[self.state, action]
-        self.state = int(np.searchsorted(row, self.low, side="right"))
-        return self.state, reward, False, False, {}
-
-
-@dataclass(frozen=True)
-class ReplayedTable:
-    table: SoftmaxTable
-    replay: Replay
-
-    @property
-    def parameters(self) -> np.ndarray:
-        return self.table.parameters
-
-    def sample(self, observation: int, rng: object) -> int:  # noqa: ARG002
-        cumulative = np.cumsum(self.table.probabilities()[observation])
-        action = int(np.searchsorted(cumulative, self.replay.uniform_for_action(), side="right"))
-        return min(action, self.table.actions - 1)
-
-    def score(self, observation: int, action: int) -> np.ndarray:
-        return self.table.score(observation, action)
-
-    def with_parameters(self, parameters: np.ndarray) -> "ReplayedTable":
-        return ReplayedTable(self.table.with_parameters(parameters), self.replay)
-
-
-@pytest.mark.parametrize("weights", ["paper", "usual"])
-@pytest.mark.parametrize("case", CASES)
-def test_compiled_and_plain_path_agree_to_rounding_on_the_same_draws(case: str, weights: str) -> None:
-    mdp, rng = mdp_of(case), np.random.default_rng(5)
-    kinds = [("step", "episode")[k % 2] for k in range(mdp.reward_channels)]
-    settings = GPOMDP(weights=weights, steps=37, trace_decay=0.9, average_rate=0.1, average=kinds)
-    policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
-    compiled = settings.start(mdp, policy, streams)
-    replays = [Replay(mdp, stream) for stream in streams]
-    plain = [
-        settings.with_driver(PythonDriver(r, ReplayedTable(policy, r), streams[:1], settings.steps)) for r in replays
-    ]
-    for _ in range(4):  # ρ and the random state are carried over, z and Δ are not
-        parameters = rng.normal(size=(3, mdp.states * mdp.actions))
-        fast = compiled.episode(parameters)
-        for run in range(3):
-            slow = plain[run].episode(parameters[run : run + 1])
-            for name in ("values", "gradients", "rewards", "steps", "events"):
-                np.testing.assert_allclose(getattr(fast, name)[run], getattr(slow, name)[0], rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize(("weights", "steps"), [("paper", 2), ("usual", 1), ("usual", 2)])

@@ -11,7 +11,6 @@ import pytest
 from cpgrl_opt import ConstrainedStep
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp, random_state
 from rl import CPGRL, GPOMDP, KondaActorCritic, LinearSoftmax, SoftmaxTable, train
-from rl.drivers import PythonDriver
 from rl.streams import run_streams
 
 CASES = {"two states": (2, 2, 2), "five states": (5, 3, 3), "no constraint": (3, 2, 1), "twenty actions": (2, 20, 4)}
@@ -29,79 +28,6 @@ def table_of(mdp: TabularMDP, seed: int = 1) -> SoftmaxTable:
 
 def episode_streams(runs: int, seed: int = 0) -> list[np.random.SeedSequence]:
     return [run_streams(seed, run).episodes for run in range(runs)]
-
-
-# --- by hand -----------------------------------------------------------------------------------------------------
-
-
-class Scripted:
-    """One state; plays the rewards of its script, then terminates, truncates, or goes on."""
-
-    reward_channels, event_key = 2, "event"
-
-    def __init__(self, rewards: list[list[float]], end: str) -> None:
-        self.rewards, self.end = rewards, end
-
-    def reset(self, seed: int) -> tuple[int, dict[str, Any]]:
-        self.script = list(self.rewards)
-        return 0, {}
-
-    def step(self, action: int) -> tuple[int, np.ndarray, bool, bool, dict[str, Any]]:
-        reward = np.array(self.script.pop(0))
-        over = not self.script
-        info = {"event": 7} if over and self.end == "event" else {}
-        return 0, reward, over and self.end == "event", over and self.end == "truncated", info
-
-
-class Alternating:
-    """Actions 0, 1, 0, 1, …, whose scores are known."""
-
-    def __init__(self, scores: list[list[float]]) -> None:
-        self.scores, self.parameters = np.array(scores), np.zeros(2)
-        self.count = 0
-
-    def with_parameters(self, parameters: np.ndarray) -> "Alternating":
-        self.count = 0  # a new episode
-        return self
-
-    def sample(self, observation: int, rng: object) -> int:
-        self.count += 1
-        return (self.count - 1) % 2
-
-    def score(self, observation: int, action: int) -> np.ndarray:
-        return self.scores[action]
-
-
-@pytest.mark.parametrize("end", ["event", "truncated", "limit"])
-def test_two_steps_by_hand(end: str) -> None:
-    """ψ = (1, 0), then (0, 2); rewards 3, then 5; β = ½, α_r = 0.1, α_w = 0.01; the second channel is −1 times it."""
-    settings = KondaActorCritic(
-        trace_decay=0.5, average_rate=0.1, critic_rate=0.01, steps=2 if end == "limit" else 9, bias_correction=False
-    )
-    rewards = [[3.0, -3.0], [5.0, -5.0]] + [[9.0, 9.0]] * (end == "limit")
-    konda = settings.with_driver(
-        PythonDriver(Scripted(rewards, end), Alternating([[1, 0], [0, 2]]), episode_streams(1), settings.steps)
-    )  # type: ignore[arg-type]
-    first = konda.episode(np.zeros((1, 2)))
-    # step 0: Q = 0; z = (1, 0); ρ = 0.3; δ = 3 − 0.3; w = 0.027 z
-    # step 1: Q = 0; z = (0.5, 2); ρ = 0.3 + 0.1 (5 − 0.3) = 0.77; δ = 5 − 0.77 + wᵀ(ψ₂ − ψ₁), wᵀψ₁ = 0
-    delta = 4.23 if end == "event" else 4.23 + 0.027  # ψ₂ = 0 after an event, else (1, 0) again
-    w = np.array([0.027, 0.0]) + 0.01 * delta * np.array([0.5, 2.0])
-    np.testing.assert_allclose(first.values, [[0.77, -0.77]])
-    np.testing.assert_array_equal(first.gradients, 0)
-    np.testing.assert_allclose(konda.critics, [[w, -w]])
-    assert (first.steps[0], first.events[0]) == (2, 7 if end == "event" else 0)
-    np.testing.assert_array_equal(first.rewards, [[8, -8]])
-    # next episode: ρ and w go on, z and Δ begin anew
-    second = konda.episode(np.zeros((1, 2)))
-    delta0 = 3 - (0.9 * 0.77 + 0.3) + 2 * w[1] - w[0]
-    q1 = 2 * w[1]  # z = (1, 0) leaves w[1] as it was
-    np.testing.assert_allclose(second.gradients[0, 0], [w[0] / 2, 2 * q1 / 2])
-    w1 = w + 0.01 * delta0 * np.array([1.0, 0.0])
-    rho = 0.9 * (0.9 * 0.77 + 0.3) + 0.5
-    delta1 = 5 - rho - 2 * w1[1] + (0.0 if end == "event" else w1[0])
-    np.testing.assert_allclose(konda.critics[0, 0], w1 + 0.01 * delta1 * np.array([0.5, 2.0]))
-    np.testing.assert_allclose(second.values[0, 0], rho)
 
 
 # --- the same definition, the same draws -------------------------------------------------------------------------
@@ -154,26 +80,6 @@ class Replay:
         reward, row = self.mdp.rewards[:, self.state, action], self.cumulative[self.state, action]
         self.state = int(np.searchsorted(row, (self.word & 0xFFFFFFFF) / 2**32, side="right"))
         return self.state, reward, False, False, {}
-
-
-@pytest.mark.parametrize("average", ["step", "episode", "mixed"])
-@pytest.mark.parametrize("case", ["three-state", *CASES])
-def test_compiled_and_plain_path_agree_on_the_same_draws(case: str, average: Any) -> None:
-    mdp, rng = mdp_of(case), np.random.default_rng(5)
-    kinds = [("step", "episode")[k % 2] for k in range(mdp.reward_channels)] if average == "mixed" else average
-    settings = KondaActorCritic(steps=37, trace_decay=0.9, average_rate=0.1, critic_rate=0.05, average=kinds)
-    policy, streams = SoftmaxTable(mdp.states, mdp.actions), episode_streams(3)
-    compiled = settings.start(mdp, policy, streams)
-    replays = [Replay(mdp, policy, stream) for stream in streams]
-    plain = [settings.with_driver(PythonDriver(replay, replay, streams[:1], settings.steps)) for replay in replays]  # type: ignore[arg-type]
-    for _ in range(4):
-        parameters = rng.normal(size=(3, mdp.states * mdp.actions))
-        fast = compiled.episode(parameters)
-        for run in range(3):
-            slow = plain[run].episode(parameters[run : run + 1])
-            for name in ("values", "gradients", "rewards", "steps", "events"):
-                np.testing.assert_allclose(getattr(fast, name)[run], getattr(slow, name)[0], rtol=1e-10, atol=1e-12)
-            np.testing.assert_allclose(compiled.critics[run], plain[run].critics[0], rtol=1e-10, atol=1e-12)  # type: ignore[attr-defined]
 
 
 # --- the fixed point of TD(β) ------------------------------------------------------------------------------------

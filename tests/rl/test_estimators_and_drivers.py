@@ -1,0 +1,448 @@
+"""Every update rule runs with every driver: the same draws give the same estimates; a third rule, a fourth driver."""
+
+# ruff: noqa: ARG002 - stand-ins take what they ignore
+
+import copy
+import itertools
+import pickle
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from cpgrl_opt import ConstrainedStep
+from envs import RESET_SIGNATURE, STEP_SIGNATURE, ContinuousKernels, TabularMDP, TwoLinkArm, random_mdp, random_state
+from envs.interface.random_stream import next_word, uniform
+from rl import CPGRL, GPOMDP, ExactGradient, KondaActorCritic, NormalizedGaussianNetwork, SoftmaxTable, map_runs, train
+from rl.drivers import PythonDriver, Rule, Score, account, close_run, compiled_step, driver_for, open_run
+from rl.estimators import SamplingEstimator
+from rl.streams import run_streams
+
+FIELDS = ("values", "gradients", "rewards", "steps", "events")
+
+
+def streams(runs: int) -> list[np.random.SeedSequence]:
+    return [run_streams(0, run).episodes for run in range(runs)]
+
+
+# --- a third estimator -------------------------------------------------------------------------------------------
+
+
+@compiled_step
+def climb(course, t, score, reward, following, last):
+    """z ← z + ψ_t, Δⁱ ← Δⁱ + (rⁱ − bⁱ) z, where b is the mean return of earlier episodes a step, in the memory."""
+    trace = course.vectors[0]
+    trace[score.place : score.place + score.values.size] += score.values
+    for i in range(reward.size):
+        course.gradients[i] += (reward[i] - course.memory[0, i]) * trace
+        if last:
+            course.memory[0, i] += 0.1 * (course.average[i] - course.memory[0, i])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reinforce(SamplingEstimator):
+    """REINFORCE with an average baseline; `plain` as Python runs it."""
+
+    plain: bool = False
+
+    def rule(self, reported: Any) -> Rule:
+        return Rule(climb.function if self.plain else climb, vectors=1, memory=1)
+
+
+ESTIMATORS = {
+    "Konda": KondaActorCritic,
+    "Konda per episode": partial(KondaActorCritic, average="episode"),
+    "Konda as printed": partial(KondaActorCritic, average="episode", gradient="episode mean", bias_correction=False),
+    "GPOMDP": GPOMDP,
+    "GPOMDP per episode": partial(GPOMDP, average="episode"),
+    "GPOMDP usual": partial(GPOMDP, weights="usual"),
+    "GPOMDP as printed": partial(GPOMDP, average="episode", gradient="episode mean", bias_correction=False),
+    "REINFORCE": Reinforce,
+}
+
+
+def estimator_of(name: str, **settings: Any) -> Any:
+    return ESTIMATORS[name](**settings, **({} if name == "REINFORCE" else {"trace_decay": 0.9}))  # type: ignore[operator]
+
+
+# --- environments and their replays ------------------------------------------------------------------------------
+
+
+@cache  # not compiled where another worker has the tests that need it
+def reset_and_step() -> tuple[Any, Any]:
+    @numba.njit(RESET_SIGNATURE)
+    def reset(constants, random_state, state):
+        state[0] = uniform(random_state)
+
+    @numba.njit(STEP_SIGNATURE)
+    def step(constants, state, action, random_state, reward):
+        state[0] += constants[0] * action.sum() + 0.1 * (uniform(random_state) - 0.5)
+        reward[0], reward[1] = state[0], action[0] - action[2] ** 2
+        return 1 if state[0] < -1 else 2 if state[0] > 2 else 0
+
+    return reset, step
+
+
+class Drift:
+    """A point that drifts off on either side: one state, three actions, two rewards, noise in the step."""
+
+    reward_channels = 2
+
+    def __init__(self, rate: float = 0.1) -> None:
+        self.rate = rate
+
+    def continuous_kernels(self) -> ContinuousKernels:
+        return ContinuousKernels(1, 3, 2, np.array([self.rate]), *reset_and_step(), 40, ("left", "right"))
+
+
+MDPS = {  # states, actions, channels: one lane group and two; a search by counting and by bisection
+    "six channels": random_mdp(np.random.default_rng(1), 4, 3, 6),
+    "twenty actions": random_mdp(np.random.default_rng(2), 2, 20, 1),
+    "twenty states": random_mdp(np.random.default_rng(3), 20, 2, 2),
+}
+ARM = TwoLinkArm(touch_radius=0.2, max_steps=60)
+ENVIRONMENTS: dict[str, Any] = {**MDPS, "arm": ARM, "drift": Drift()}
+
+
+def policy_for(environment: Any) -> Any:
+    if isinstance(environment, TabularMDP):
+        return SoftmaxTable(environment.states, environment.actions)
+    if isinstance(environment, TwoLinkArm):
+        return NormalizedGaussianNetwork(*environment.stops, (5, 8), 2, deviation=0.8)
+    return NormalizedGaussianNetwork([-1.0], [2.0], (6,), 3, deviation=0.8)
+
+
+class Replay:
+    """An environment and its policy in Python, on the draws of the compiled drivers."""
+
+    event_key = "event"
+
+    def __init__(self, environment: Any, policy: Any, stream: np.random.SeedSequence) -> None:
+        self.environment, self.policy, self.words = environment, policy, random_state(stream)
+        self.parameters, self.reward_channels = policy.parameters, environment.reward_channels
+        self.finite = isinstance(environment, TabularMDP)
+        self.kernel = environment.finite_kernel() if self.finite else environment.continuous_kernels()
+
+    def with_parameters(self, parameters: np.ndarray) -> "Replay":
+        self.policy = self.policy.with_parameters(parameters)
+        return self
+
+    def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
+        self.steps = 0
+        if self.finite:
+            self.state = self.kernel.start
+            return self.state, {}
+        self.state = np.empty(self.kernel.state_size)
+        self.kernel.reset(self.kernel.constants, self.words, self.state)
+        return self.state.copy(), {}
+
+    def sample(self, observation: Any, rng: object) -> Any:
+        """A word's high half takes the action, its low half moves; normals by the polar method."""
+        if self.finite:
+            word = int(next_word(self.words))
+            self.low = (word & 0xFFFFFFFF) / 2**32
+            below = np.cumsum(self.policy.probabilities()[observation])
+            return min(int(np.searchsorted(below, (word >> 32) / 2**32, side="right")), self.policy.actions - 1)
+        noise = [component for _ in range(0, self.policy.dimensions, 2) for component in self.pair()]
+        return self.policy.mean(observation) + self.policy.deviation * np.array(noise[: self.policy.dimensions])
+
+    def pair(self) -> tuple[float, float]:
+        while True:
+            x, y = 2 * uniform(self.words) - 1, 2 * uniform(self.words) - 1
+            if 0 < (s := x * x + y * y) < 1:
+                return x * np.sqrt(-2 * np.log(s) / s), y * np.sqrt(-2 * np.log(s) / s)
+
+    def score(self, observation: Any, action: Any) -> np.ndarray:
+        score: np.ndarray = self.policy.score(observation, action)
+        return score
+
+    def step(self, action: Any) -> tuple[Any, np.ndarray, bool, bool, dict[str, Any]]:
+        if self.finite:
+            reward, row = self.kernel.rewards[:, self.state, action], self.kernel.transition_cumulative
+            self.state = int(np.searchsorted(row[self.state, action], self.low, side="right"))
+            return self.state, reward, False, False, {}
+        reward = np.empty(self.reward_channels)
+        event = self.kernel.step(self.kernel.constants, self.state, action, self.words, reward)
+        self.steps += 1
+        return self.state.copy(), reward, event > 0, self.steps == self.kernel.max_steps, {"event": event}
+
+
+def plain(settings: Any, environment: Any, policy: Any, of: list[np.random.SeedSequence]) -> Any:
+    return settings.with_driver(PythonDriver(environment, policy, of, settings.steps))
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_compiled_driver_and_python_agree_on_the_same_draws(name: str, environment: str) -> None:
+    where, rng, of = ENVIRONMENTS[environment], np.random.default_rng(5), streams(3)
+    policy = policy_for(where)
+    settings = estimator_of(name, average_rate=0.1, steps=37 if environment in MDPS else 1000)
+    compiled = settings.start(where, policy, of)
+    replays = [Replay(where, policy, stream) for stream in of]
+    each = [plain(settings, replay, replay, of[:1]) for replay in replays]
+    lengths: set[int] = set()
+    for _ in range(5):  # what is carried goes on, traces do not
+        parameters = rng.normal(size=(3, len(policy.parameters)))
+        fast = compiled.episode(parameters)
+        for run in range(3):
+            slow = each[run].episode(parameters[run : run + 1])
+            for field in FIELDS:
+                np.testing.assert_allclose(getattr(fast, field)[run], getattr(slow, field)[0], rtol=1e-10, atol=1e-12)
+            if "Konda" in name:
+                np.testing.assert_allclose(compiled.critics[run], each[run].critics[0], rtol=1e-10, atol=1e-12)
+        lengths |= set(fast.steps)
+    assert (len(lengths) > 3) == (environment not in MDPS)  # there episodes did end by events, at different times
+
+
+@pytest.mark.parametrize("environment", ["six channels", "drift"])
+@pytest.mark.parametrize("name", ["Konda", "GPOMDP usual", "REINFORCE"])
+def test_a_plain_rule_and_its_machine_code_give_the_same_numbers(name: str, environment: str) -> None:
+    where = ENVIRONMENTS[environment]
+    policy, compiled = policy_for(where), estimator_of(name, steps=15)
+
+    class Interpreted(type(compiled)):  # type: ignore[misc]
+        def rule(self, reported: Any) -> Rule:
+            rule = super().rule(reported)
+            return Rule(**{**vars(rule), "step": lambda *arguments: rule.step.function(*arguments)})
+
+    settings = Interpreted(**vars(compiled))
+    one, other = (
+        SamplingEstimator.with_driver(each, driver_for(where, policy, streams(2), 15)) for each in (compiled, settings)
+    )
+    theta = np.random.default_rng(0).normal(size=(2, len(policy.parameters)))
+    for _ in range(2):
+        found, wanted = one.episode(theta), other.episode(theta)
+        for field in FIELDS:
+            np.testing.assert_allclose(getattr(found, field), getattr(wanted, field), rtol=1e-12, atol=1e-13)
+
+
+# --- the third estimator against exact gradients -----------------------------------------------------------------
+
+
+def exact_sum(mdp: TabularMDP, theta: np.ndarray, steps: int) -> np.ndarray:
+    """E[Σ_t rⁱ_t], (1 + m,)."""
+    pi = SoftmaxTable(mdp.states, mdp.actions, theta).probabilities()
+    p, total = np.eye(mdp.states)[mdp.start], np.zeros(mdp.reward_channels)
+    for _ in range(steps):
+        total += np.einsum("s,sa,csa->c", p, pi, mdp.rewards)
+        p = np.einsum("s,sa,saj->j", p, pi, mdp.transitions)
+    return total
+
+
+def assert_near(gradients: np.ndarray, exact: np.ndarray) -> None:
+    error = gradients.std(axis=0, ddof=1) / np.sqrt(len(gradients))
+    assert (np.abs(gradients.mean(axis=0) - exact) <= 6 * error + 1e-9).all()
+    assert 6 * error.max() < 0.6 * np.abs(exact).max(), "the test should be able to fail"
+
+
+@pytest.mark.parametrize("driver", ["finite", "python"])
+def test_reinforce_climbs_the_exact_sum_over_an_episode(driver: str) -> None:
+    mdp, runs = random_mdp(np.random.default_rng(4), 2, 2, 2), 8000 if driver == "finite" else 1500
+    policy, h = SoftmaxTable(2, 2, [0.3, -0.2, 0.1, 0.4]), 1e-5
+    settings = Reinforce(steps=4, average="episode")
+    if driver == "finite":
+        estimation = settings.start(mdp, policy, streams(runs))
+    else:
+        replay = Replay(mdp, policy, streams(1)[0])
+        estimation = plain(settings, replay, replay, streams(runs))
+    estimate = estimation.episode(np.tile(policy.parameters, (runs, 1)))
+    bumps = h * np.eye(4)
+    exact = [exact_sum(mdp, policy.parameters + b, 4) - exact_sum(mdp, policy.parameters - b, 4) for b in bumps]
+    assert_near(estimate.gradients, np.array(exact).T / (2 * h))
+
+
+@pytest.mark.parametrize("name", ["REINFORCE", "GPOMDP per episode"])
+def test_in_a_compiled_environment_the_gradient_of_one_step_is_exact(name: str) -> None:
+    """A point that does not move, from U[0, 1]: r² = u₁ − u₃², whose mean is Θᵀn(x) in u₁ and −((Θᵀn)² + σ²) in u₃."""
+    where = Drift(rate=0.0)
+    policy, runs = policy_for(where), 6000
+    theta = np.random.default_rng(1).normal(size=18)
+    estimate = estimator_of(name, steps=1 if name == "REINFORCE" else 2).start(where, policy, streams(runs))
+    gradients = estimate.episode(np.tile(theta, (runs, 1))).gradients[:, 1].reshape(runs, 6, 3)
+    places = (np.arange(2000) + 0.5) / 2000
+    moved = places if name == "REINFORCE" else np.concatenate([places] * 2)
+    features = np.array([policy.features([x]) for x in moved]) * len(moved) / 2000
+    means = features @ theta.reshape(6, 3) * 2000 / len(moved)
+    exact = np.stack([features.mean(0), np.zeros(6), -2 * (features * means[:, 2:]).mean(0)], axis=1)
+    error = gradients.std(axis=0, ddof=1) / np.sqrt(runs)
+    assert (np.abs(gradients.mean(axis=0) - exact) <= 6 * error + 0.02).all()  # the noise of 0.05 in the second place
+
+
+# --- a fourth driver ---------------------------------------------------------------------------------------------
+
+
+class Script:
+    """Plays the scores and rewards that it is given, then ends by an event, or at the limit."""
+
+    carried = ()
+
+    def __init__(self, scores: Any, rewards: Any, event: int) -> None:
+        self.scores, self.rewards, self.event = np.array(scores, float), np.array(rewards, float), event
+        self.shape, self.limit = (1, self.rewards.shape[1], self.scores.shape[1]), len(self.rewards)
+
+    def play(self, step: Any, parameters: np.ndarray, batch: Any) -> None:
+        course = open_run(batch, 0)
+        for t, reward in enumerate(self.rewards):
+            last = t + 1 == self.limit
+            following = np.zeros(self.shape[2]) if last and self.event else self.scores[t + 1]
+            account(batch, 0, t, reward)
+            step(course, t, Score(0, self.scores[t]), reward, Score(0, following), last)
+        close_run(batch, 0, self.limit, self.event)
+
+    def in_order(self, vectors: np.ndarray) -> np.ndarray:
+        return vectors
+
+
+@pytest.mark.parametrize("event", [0, 7])
+def test_two_steps_of_konda_by_hand(event: int) -> None:
+    """ψ = (1, 0), then (0, 2); rewards 3, then 5; β = ½, α_r = 0.1, α_w = 0.01; the second channel is −1 times it."""
+    settings = KondaActorCritic(trace_decay=0.5, average_rate=0.1, critic_rate=0.01, bias_correction=False)
+    konda: Any = settings.with_driver(Script([[1, 0], [0, 2], [1, 0]], [[3, -3], [5, -5]], event))
+    first = konda.episode(np.zeros((1, 2)))
+    # step 0: Q = 0; z = (1, 0); ρ = 0.3; δ = 3 − 0.3; w = 0.027 z
+    # step 1: Q = 0; z = (0.5, 2); ρ = 0.3 + 0.1 (5 − 0.3) = 0.77; δ = 5 − 0.77 + wᵀ(ψ₂ − ψ₁), wᵀψ₁ = 0
+    delta = 4.23 if event else 4.23 + 0.027  # ψ₂ = 0 after an event, else (1, 0) again
+    w = np.array([0.027, 0.0]) + 0.01 * delta * np.array([0.5, 2.0])
+    np.testing.assert_allclose(first.values, [[0.77, -0.77]])
+    np.testing.assert_array_equal(first.gradients, 0)
+    np.testing.assert_allclose(konda.critics, [[w, -w]])
+    assert (first.steps[0], first.events[0], first.rewards.tolist()) == (2, event, [[8, -8]])
+    second = konda.episode(np.zeros((1, 2)))  # ρ and w go on, z and Δ begin anew
+    np.testing.assert_allclose(second.gradients[0, 0], [w[0] / 2, 4 * w[1] / 2])
+    np.testing.assert_allclose(second.values[0, 0], 0.9 * (0.9 * 0.77 + 0.3) + 0.5)
+
+
+def test_three_steps_of_the_others_by_hand() -> None:
+    """Scores 1, 2, 3 and rewards 5, 7, 11: z = 1, 2.5, 4.25 at β = ½, and 1, 3, 6 at β = 1."""
+    script = partial(Script, [[1], [2], [3], [9]], [[5], [7], [11]])
+    for settings, wanted in (
+        (GPOMDP(weights="usual", trace_decay=0.5), (5 * 1 + 7 * 2.5 + 11 * 4.25) / 3),
+        (GPOMDP(trace_decay=0.5), (7 * (1 + 2) + 11 * (2.5 + 3)) / 2),
+        (GPOMDP(trace_decay=0.5, average="episode"), 5 * 1 + 7 * (1 + 2) + 11 * (2.5 + 3)),
+        (Reinforce(average="episode"), 5 * 1 + 7 * 3 + 11 * 6),
+        (Reinforce(average="episode", plain=True), 5 * 1 + 7 * 3 + 11 * 6),
+    ):
+        estimate = settings.with_driver(script(1)).episode(np.zeros((1, 1)))
+        np.testing.assert_allclose(estimate.gradients, [[[wanted]]])
+
+
+# --- runs, endings, arrays, pickles ------------------------------------------------------------------------------
+
+
+def trained(runs: Any, name: str, environment: str) -> np.ndarray:
+    """θ after each of some episodes, (runs, episodes, n)."""
+    where = ENVIRONMENTS[environment]
+    learner = CPGRL(ConstrainedStep(ridge=1e-4, max_restoration=0.1), [0.0] * (where.reward_channels - 1))
+    settings = estimator_of(name, steps=60)
+    records = train(where, policy_for(where), settings, learner, episodes=6, runs=runs, seed=2)
+    return np.stack([record.parameters for record in records], axis=1)
+
+
+@pytest.mark.parametrize("environment", ["arm", "six channels"])
+@pytest.mark.parametrize("name", ["Konda", "GPOMDP", "REINFORCE"])
+def test_a_run_is_bit_identical_for_any_batch_and_any_thread(name: str, environment: str) -> None:
+    together = trained(5, name, environment)
+    assert len(np.unique(together[:, -1], axis=0)) == 5
+    np.testing.assert_array_equal(trained([4, 1], name, environment), together[[4, 1]])
+    task = partial(trained, name=name, environment=environment)
+    np.testing.assert_array_equal(np.concatenate(map_runs(task, 5, processes=2, threads=True)), together)
+
+
+@pytest.mark.parametrize("name", ["Konda", "GPOMDP", "REINFORCE"])
+def test_records_carry_each_runs_length_and_event_and_the_shorter_limit_holds(name: str) -> None:
+    estimation = estimator_of(name, steps=1000).start(TwoLinkArm(), policy_for(ARM), streams(60))
+    estimate = estimation.episode(np.zeros((60, 80)))
+    assert len(set(estimate.steps)) > 20
+    np.testing.assert_array_equal(estimate.steps[estimate.events == 0], 1000)
+    np.testing.assert_array_equal(estimate.rewards[:, 2], np.array([0, 0, -1, 1, 0])[estimate.events])
+    never = TwoLinkArm(touch_radius=1e-9, max_steps=30)
+    for steps, length in ((12, 12), (100, 30)):
+        estimate = estimator_of(name, steps=steps).start(never, policy_for(ARM), streams(2)).episode(np.zeros((2, 80)))
+        assert (estimate.steps.tolist(), estimate.events.tolist()) == ([length] * 2, [0, 0])
+
+
+def started(name: str, driver: str) -> tuple[Any, np.ndarray]:
+    """After two episodes."""
+    where = ARM if driver == "arm" else MDPS["six channels"]
+    policy, settings = policy_for(where), ExactGradient() if name == "exact" else estimator_of(name, steps=20)
+    if driver == "python":
+        replay = Replay(where, policy, streams(1)[0])
+        estimation = plain(settings, replay, replay, streams(3))
+    else:
+        estimation = settings.start(where, policy, streams(3))
+    parameters = np.random.default_rng(0).normal(size=(3, len(policy.parameters)), scale=0.1)
+    estimates = [estimation.episode(parameters) for _ in range(2)]
+    arrays = [getattr(each, field) for each in estimates for field in FIELDS]
+    assert not any(np.shares_memory(one, other) for one, other in itertools.combinations(arrays, 2))
+    return estimation, parameters
+
+
+def same(one: Any, other: Any) -> None:
+    for field in FIELDS:
+        np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+
+
+@pytest.mark.parametrize("how", [lambda each: pickle.loads(pickle.dumps(each)), copy.deepcopy], ids=["pickle", "copy"])
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [*itertools.product(["Konda", "GPOMDP", "REINFORCE"], ["finite", "arm", "python"]), ("exact", "finite")],
+)
+def test_estimates_are_fresh_and_a_copy_goes_on_with_the_same_bits(name: str, driver: str, how: Any) -> None:
+    estimation, parameters = started(name, driver)
+    other = how(estimation)
+    for _ in range(2):
+        same(estimation.episode(parameters), other.episode(parameters))
+
+
+def test_an_estimation_goes_on_in_another_process(tmp_path: Any) -> None:
+    estimation, parameters = started("Konda", "arm")
+    (tmp_path / "state").write_bytes(pickle.dumps((estimation, parameters)))
+    program = (
+        "import pickle, sys; estimation, parameters = pickle.load(open(sys.argv[1], 'rb'));"
+        "pickle.dump(estimation.episode(parameters), open(sys.argv[1] + '.out', 'wb'))"
+    )
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "state")], check=True)
+    same(estimation.episode(parameters), pickle.loads((tmp_path / "state.out").read_bytes()))
+
+
+def test_drivers_and_rules_load_from_the_disk_cache_in_a_new_process() -> None:
+    modules = ("drivers.finite", "drivers.continuous", "estimators.gpomdp", "estimators.konda_actor_critic")
+    program = f"""
+from importlib import import_module
+for name in {modules}:
+    advance = import_module("rl." + name).advance
+    print(sum(getattr(advance, "machine_code", advance).stats.cache_hits.values()))
+"""
+    for _ in range(2):  # compiled by the first one where they have not been
+        answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert answer.stdout.split() == ["1"] * len(modules)
+
+
+# --- the boundary ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("estimator", [KondaActorCritic(), GPOMDP(), Reinforce()])
+def test_a_policy_of_another_size_is_refused(estimator: Any) -> None:
+    for policy, message in (
+        (NormalizedGaussianNetwork(*ARM.stops, (5, 8), 3), "2 components of the action, as the environment; found 3"),
+        (NormalizedGaussianNetwork([0], [1], (5,), 2), "2 axes of the state, as the environment; found 1"),
+    ):
+        with pytest.raises(ValueError, match=f"policy should have {message}"):
+            estimator.start(ARM, policy, streams(1))
+    with pytest.raises(ValueError, match="policy should have 4 states and 3 actions"):
+        estimator.start(MDPS["six channels"], SoftmaxTable(3, 2), streams(1))
+
+
+def test_wrappers_hand_no_kernels_on_and_python_plays() -> None:
+    import gymnasium
+
+    environment = gymnasium.make("cpgrl/TwoLinkArm-v0")
+    for estimator in (KondaActorCritic(steps=30), GPOMDP(steps=30)):
+        estimation: Any = estimator.start(environment, policy_for(ARM), streams(2))
+        assert isinstance(estimation.driver, PythonDriver)
+        assert (estimation.episode(np.zeros((2, 80))).steps <= 30).all()
