@@ -221,8 +221,14 @@ class _Draws:
             verbosity=Verbosity.quiet,
         )
 
+        ended: list[SystemExit] = []  # by a signal; Hypothesis would take it for a failure, and shrink it
+
         def asked(drawn: list[dict[str, Any]]) -> None:
-            judge(drawn[0])
+            try:
+                judge(drawn[0])
+            except SystemExit as end:
+                ended.append(end)
+                raise _Enough from end
 
         drawn = self.source(self.cases)
         if self.solver is not None:
@@ -233,7 +239,12 @@ class _Draws:
         test: Callable[[], None] = chosen(given(alone)(asked))
         shapes = () if self.solver is None else apply(rare_shapes, self.solver)
         with only_shapes(shapes), suppress(Unsatisfiable, _TakesNone):
-            seed(zlib.crc32(self.source.__name__.encode()) + self.number)(test)()
+            try:
+                seed(zlib.crc32(self.source.__name__.encode()) + self.number)(test)()
+            except _Enough:
+                if ended:
+                    raise ended[0] from None
+                raise
 
 
 class _Enough(KeyboardInterrupt):

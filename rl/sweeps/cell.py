@@ -21,6 +21,7 @@ from ..training import TrainingRecord
 TrainingFunction = Callable[..., Iterable[TrainingRecord]]
 Measure = Callable[[TrainingRecord], Mapping[str, Any]]
 OURS = ("seed", "run", "episode", "channel", "error")  # columns that are neither settings nor measures
+ENDED_BY_SIGNAL = (129, 143)  # SIGHUP, SIGTERM, as `exit_on_termination` raises them
 _PACKAGES = ("numpy", "scipy", "numba", "gymnasium")  # whose versions may change a number
 
 
@@ -48,6 +49,16 @@ class Outcome:
     reached: int = 0
     seconds: float = 0.0
 
+    def check(self) -> "Outcome":
+        """Itself; ValueError where it was not read from what is written of an outcome."""
+        numbers = isinstance(self.episodes, list) and all(isinstance(episode, int) for episode in self.episodes)
+        if not isinstance(self.key, str) or not numbers or not isinstance(self.values, dict) or not self.values:
+            raise ValueError(f"an outcome should have a key, episodes and values; found {self!r:.100}")
+        shape = {np.shape(values)[:1] for values in self.values.values()}
+        if shape != {(len(self.episodes),)} or any(np.ndim(values) != 3 for values in self.values.values()):
+            raise ValueError(f"values should be (episodes, runs, channels); found {self!r:.100}")
+        return self
+
 
 def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Cell) -> Outcome:
     """Trains a cell, and records every so many episodes and the last; an exception is an outcome too."""
@@ -65,11 +76,20 @@ def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Ce
         values = _stacked(recorded)
         if taken := [name for name in values if name in (*cell.settings, *OURS)]:
             raise ValueError(f"measure should have names of its own; found {', '.join(taken)}")
-    except Exception as error:
-        return Outcome(
-            cell.key, error=" ".join(f"{type(error).__name__}: {error}".split()), reached=reached, seconds=_since(begun)
-        )
+    except (Exception, SystemExit) as error:
+        if isinstance(error, SystemExit) and error.code in ENDED_BY_SIGNAL:
+            raise
+        return Outcome(cell.key, error=_in_words(error), reached=reached, seconds=_since(begun))
     return Outcome(cell.key, list(recorded), values, reached=reached, seconds=_since(begun))
+
+
+def _in_words(error: BaseException) -> str:
+    """In one line; its class alone where it has no words or cannot say them."""
+    try:
+        words = str(error)
+    except Exception as broken:
+        words = f"its text raises {type(broken).__name__}"
+    return " ".join(f"{type(error).__name__}: {words}".split()).removesuffix(":")
 
 
 def _measured(measure: Measure, record: TrainingRecord) -> dict[str, np.ndarray]:

@@ -51,7 +51,7 @@ class Store:
                 file.truncate(len(whole))
         for line in whole.splitlines():
             try:
-                outcome = Outcome(**json.loads(line))
+                outcome = Outcome(**json.loads(line)).check()
             except (ValueError, TypeError):  # not ours, or damaged: that cell is trained again
                 continue
             self.found[outcome.key] = outcome

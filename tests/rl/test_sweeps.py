@@ -99,6 +99,38 @@ def test_it_trains_only_what_is_new_and_what_failed(counted, tmp_path):
     assert sweep(counted, GRID, seeds=2, every=7, out=tmp_path).trained == 8
 
 
+class SaysNothingError(Exception):
+    def __str__(self):
+        raise RuntimeError("no words")
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (SystemExit(7), "SystemExit: 7"),
+        (SaysNothingError(), "SaysNothingError: its text raises RuntimeError"),
+        (MemoryError(), "MemoryError"),
+    ],
+)
+def test_whatever_a_training_raises_is_a_row_and_the_others_go_on(error, words):
+    def broken(seed):
+        if seed == 0:
+            raise error
+        return WithThreshold(0.0).train(seed)
+
+    found = sweep(broken, [{}], seeds=2)
+    assert [row["error"] for row in found.failed] == [words]
+    assert len(found.rows) == 1 + 4
+
+
+def test_a_request_to_end_is_no_error_of_a_training():
+    def ended(seed):
+        raise SystemExit(143)
+
+    with pytest.raises(SystemExit):
+        sweep(ended, [{}], seeds=2)
+
+
 class WithThreshold:
     """Trainings whose threshold is nobody's argument."""
 
@@ -128,7 +160,9 @@ def test_what_a_function_brings_along_is_part_of_the_key(training_at, tmp_path):
 def test_a_line_that_a_killed_process_left_torn_is_trained_again(training, tmp_path):
     whole = sweep(training, GRID, seeds=2, out=tmp_path)
     outcomes = tmp_path / "outcomes.jsonl"
-    outcomes.write_bytes(b"not ours\n" + outcomes.read_bytes()[:-100])
+    first, *others = outcomes.read_bytes()[:-100].splitlines(keepends=True)
+    spoilt = [b'{"key": "a", "episodes": null}\n', b'{"key": "a", "episodes": [5], "values": {"value": [3.0]}}\n']
+    outcomes.write_bytes(b"".join([b"not ours\n", *spoilt, first, *others]))
     again = sweep(training, GRID, seeds=2, out=tmp_path)
     assert (again.rows, again.trained) == (whole.rows, 2)  # the torn one and the one that fails
     assert sweep(training, GRID, seeds=2, out=tmp_path).trained == 1
