@@ -35,6 +35,7 @@ _TELLING = 0.3  # s, for the process to write where it is
 _SHOWN = 4000  # the last characters of what it wrote that are looked at: a stack of frames is as long
 _MOST_MEMORY = 2**62  # bytes: what a limit of the system's can hold, and more than there is
 _MOST_OUTPUT = 2**26  # bytes, 64 MiB: a loop that prints fills a disk in a minute
+_READ_AT_ONCE = 2**20  # bytes: a loop writes that much in some milliseconds
 # Whoever prints λ would seem to crash where the locale is C.
 _ANY_TEXT = {"PYTHONIOENCODING": "utf-8:replace"}
 
@@ -292,10 +293,16 @@ class _Process:
             return ""
         with suppress(OSError):
             os.kill(self._pid, _worker.WHERE)
-        end = monotonic() + _TELLING
-        while (size := os.fstat(self._output.fileno()).st_size) == before and monotonic() < end:
+        text, end = "", monotonic() + _TELLING
+        while monotonic() < end:
             time.sleep(0.01)
-        return _frames(self._read(before, size))
+            size = min(os.fstat(self._output.fileno()).st_size, before + _READ_AT_ONCE)
+            is_told = bool(_frames(text))  # by the turn before: now the last of them are there too
+            # What it prints comes before and in between: unless the frames are in it, its end alone is kept.
+            text, before = (text if is_told else text[-_SHOWN:]) + self._read(before, size), size
+            if is_told:
+                break
+        return _frames(text)
 
     def _last_words(self) -> str:
         size = os.fstat(self._output.fileno()).st_size
