@@ -65,7 +65,7 @@ class GPOMDP(SamplingEstimator):
 
     def with_driver(self, driver: Driver) -> Estimation:
         """On a finite MDP without a trace: scores meet the rewards that follow them, all runs at once."""
-        if not hasattr(driver, "mdp"):
+        if not hasattr(driver, "mdp") or type(self).rule is not GPOMDP.rule:  # a subclass's own rule goes step by step
             return super().with_driver(driver)
         from .finite_gpomdp import FiniteGPOMDP  # numba loads here
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpgrl_opt.arrays import Float
-from cpgrl_opt.validation import require_count
+from cpgrl_opt.validation import require_count, require_shape
 
 from ..drivers import Batch, Driver, Rule, driver_for
 from ..policies import Policy
@@ -68,6 +68,7 @@ class Sampling:
             self.average.by_episode, settings.average_rate, runs, as_printed=settings.gradient == "episode mean"
         )
         self.rule = rule = settings.rule(self.reported)
+        require_rule(rule, channels)
         from_start = np.full(channels, rule.first == 0) if rule.from_start is None else rule.from_start
         require_updates(rule.first, from_start, driver.limit)
         self.watch = None if from_start.all() else UpdateWatch()
@@ -90,6 +91,38 @@ class Sampling:
         spans = None if self.rule.span is None else batch.spans
         gradients = self.reported.convert(batch.gradients, updates, batch.entered, spans)
         return Estimate(self.average.store(batch.rewards), gradients, batch.steps, batch.rewards, batch.events)
+
+
+def require_rule(rule: Any, channels: int) -> None:
+    """ValueError unless a rule's arrays and numbers fit each other and the environment's 1 + m channels."""
+    if not isinstance(rule, Rule):
+        raise ValueError(f"the rule of an estimator should be a Rule; found {rule!r}")
+    if not callable(rule.step):
+        raise ValueError(f"step of a rule should be a function; found {rule.step!r}")
+    for name in ("first", "vectors", "memory"):
+        require_count(f"{name} of a rule", getattr(rule, name), 0)
+    if rule.span is not None and (rule.span not in range(rule.vectors) or isinstance(rule.span, bool)):
+        raise ValueError(f"span of a rule should be None or one of its {rule.vectors} vectors; found {rule.span!r}")
+    if _numbers("constants", rule.constants).ndim != 1:
+        raise ValueError(f"constants of a rule should be numbers, (k,); found shape {np.shape(rule.constants)}")
+    if rule.channels is not None:
+        rows = _numbers("channels", rule.channels)
+        require_shape("channels of a rule", rows, (*rows.shape[:1], channels))
+    if rule.from_start is not None:
+        chosen = np.asarray(rule.from_start)
+        require_shape("from_start of a rule", chosen, (channels,))
+        if chosen.dtype != np.bool_:
+            raise ValueError(f"from_start of a rule should be truth values; found dtype {chosen.dtype}")
+
+
+def _numbers(name: str, values: Any) -> Float[np.ndarray, "..."]:
+    try:
+        numbers = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} of a rule should be numbers; found {values!r}") from None
+    if np.isnan(numbers).any():
+        raise ValueError(f"{name} of a rule should hold no NaN; found {values!r}")
+    return numbers
 
 
 def _batch(

@@ -7,7 +7,7 @@ import itertools
 import pickle
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
@@ -436,6 +436,43 @@ def test_a_policy_of_another_size_is_refused(estimator: Any) -> None:
             estimator.start(ARM, policy, streams(1))
     with pytest.raises(ValueError, match="policy should have 4 states and 3 actions"):
         estimator.start(MDPS["six channels"], SoftmaxTable(3, 2), streams(1))
+
+
+@pytest.mark.parametrize(
+    ("flaw", "message"),
+    [
+        ({"step": 1}, "step of a rule should be a function"),
+        ({"first": -1}, "first of a rule should be an integer ≥ 0; found -1"),
+        ({"vectors": 1.0}, "vectors of a rule should be an integer ≥ 0"),
+        ({"memory": True}, "memory of a rule should be an integer ≥ 0"),
+        ({"span": 1}, "span of a rule should be None or one of its 1 vectors; found 1"),
+        ({"span": -1}, "span of a rule should be None or one of its 1 vectors; found -1"),
+        ({"constants": [[1.0]]}, r"constants of a rule should be numbers, \(k,\); found shape \(1, 1\)"),
+        ({"constants": ["fast"]}, "constants of a rule should be numbers"),
+        ({"constants": [np.nan]}, "constants of a rule should hold no NaN"),
+        ({"channels": np.ones((1, 3))}, r"channels of a rule should have shape \(1, 6\); found \(1, 3\)"),
+        ({"channels": np.ones(6)}, r"channels of a rule should have shape \(6, 6\); found \(6,\)"),
+        ({"from_start": np.ones(6)}, "from_start of a rule should be truth values; found dtype float64"),
+        ({"from_start": [True]}, r"from_start of a rule should have shape \(6,\)"),
+        (None, "the rule of an estimator should be a Rule; found None"),
+    ],
+)
+def test_a_rule_that_does_not_fit_is_refused(flaw: Any, message: str) -> None:
+    class Flawed(SamplingEstimator):
+        def rule(self, reported: Any) -> Any:
+            return None if flaw is None else replace(Rule(climb, vectors=1), **flaw)
+
+    with pytest.raises(ValueError, match=message):
+        Flawed().start(MDPS["six channels"], SoftmaxTable(4, 3), streams(1))
+
+
+def test_a_subclass_of_gpomdp_goes_by_its_own_rule() -> None:
+    class Doubled(GPOMDP):
+        def rule(self, reported: Any) -> Rule:
+            return Reinforce().rule(reported)
+
+    own, other = (each.start(MDPS["six channels"], SoftmaxTable(4, 3), streams(1)) for each in (Doubled(), Reinforce()))
+    same(own.episode(np.zeros((1, 12))), other.episode(np.zeros((1, 12))))
 
 
 def test_wrappers_hand_no_kernels_on_and_python_plays() -> None:
