@@ -5,24 +5,18 @@ import pytest
 
 from cpgrl_opt import ConstrainedStep
 from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
-from rl import CPGRL, ExactGradient, LinearSoftmax, SoftmaxTable, TrainingRecord, train, uniform_parameters
+from rl import CPGRL, ExactGradient, LinearSoftmax, SoftmaxTable, train, uniform_parameters
 
 FORMULATIONS = ["equality", "cone", "restoring", "linearized"]
 
 
-def last_record(mdp: TabularMDP, step: ConstrainedStep, thresholds: np.ndarray, episodes: int) -> TrainingRecord:
-    policy, initial = SoftmaxTable(mdp.states, mdp.actions), uniform_parameters(mdp.states * mdp.actions)
-    learner = CPGRL(step, thresholds)
-    *_, record = train(mdp, policy, ExactGradient(), learner, episodes=episodes, runs=1, initial=initial)
-    return record
-
-
 def assert_at_the_optimum(mdp: TabularMDP, formulation: str, thresholds: np.ndarray) -> None:
     """ρ¹ within 0.03 of the optimum's, no constraint missed by more than 0.02; starting points are far from both."""
-    step = ConstrainedStep(formulation=formulation, step_size=4.0, restoration_rate=0.5)
-    record = last_record(mdp, step, thresholds, 90)
-    table = SoftmaxTable(mdp.states, mdp.actions, record.parameters[0]).probabilities()
-    values, optimum = mdp.average_rewards(table), mdp.constrained_optimum(thresholds).values
+    learner = CPGRL(ConstrainedStep(formulation=formulation, step_size=4.0, restoration_rate=0.5), thresholds)
+    policy, initial = SoftmaxTable(mdp.states, mdp.actions), uniform_parameters(mdp.states * mdp.actions)
+    *_, last = train(mdp, policy, ExactGradient(), learner, episodes=90, runs=1, initial=initial)
+    values = mdp.average_rewards(policy.probabilities(last.parameters[0]))
+    optimum = mdp.constrained_optimum(thresholds).values
     assert abs(values[0] - optimum[0]) < 0.03
     assert (values[1:] - thresholds > -0.02).all()
 
@@ -33,7 +27,7 @@ def test_the_three_state_optimum_is_reached(formulation: str) -> None:
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_optimum_of_a_random_mdp_is_reached_with_a_constraint_in_the_way(seed: int, formulation: str) -> None:
     rng = np.random.default_rng(seed)
     mdp = random_mdp(rng, 4, 3, 3)
@@ -45,11 +39,6 @@ def test_the_optimum_of_a_random_mdp_is_reached_with_a_constraint_in_the_way(see
     assert_at_the_optimum(mdp, formulation, thresholds)
 
 
-def test_without_constraints_the_best_policy_is_reached() -> None:
-    mdp = random_mdp(np.random.default_rng(7), 3, 3, 1)
-    assert_at_the_optimum(mdp, "equality", np.zeros(0))
-
-
 def opposed(sign: float) -> tuple[TabularMDP, np.ndarray, np.ndarray]:
     """r² = sign·r¹ and a policy that meets G² exactly, so that Δ² = sign·Δ¹ is active."""
     mdp = ThreeStateMDP(rewards=np.array(ThreeStateMDP().rewards[0]) * np.array([1.0, sign])[:, None, None])
@@ -57,26 +46,19 @@ def opposed(sign: float) -> tuple[TabularMDP, np.ndarray, np.ndarray]:
     return mdp, theta, mdp.average_rewards(SoftmaxTable(3, 3, theta).probabilities())[1:]
 
 
-def test_training_stops_where_the_gradient_vanishes_on_the_tangent_and_no_multiplier_is_positive() -> None:
-    mdp, theta, thresholds = opposed(-1.0)
-    learner = CPGRL(ConstrainedStep(), thresholds)
-    policy = SoftmaxTable(3, 3, theta)
-    records = list(train(mdp, policy, ExactGradient(), learner, episodes=9, runs=2, stop_when_stationary=True))
-    assert len(records) == 1
-    assert records[0].update.stationary.all()
-    np.testing.assert_allclose(records[0].parameters, [theta, theta], atol=1e-12)
-    assert len(list(train(mdp, policy, ExactGradient(), learner, episodes=9, runs=2))) == 9
-
-
-def test_training_goes_on_where_a_positive_multiplier_says_that_the_constraint_may_be_dropped() -> None:
-    """docs/reproduction.md, slip 1: "no negative components" must read "no positive"."""
-    mdp, theta, thresholds = opposed(1.0)
-    learner = CPGRL(ConstrainedStep(drop="stationary"), thresholds)
-    records = list(
-        train(mdp, SoftmaxTable(3, 3, theta), ExactGradient(), learner, episodes=5, runs=1, stop_when_stationary=True)
-    )
-    assert len(records) == 5
-    assert records[-1].linearization.values[0, 0] > records[0].linearization.values[0, 0]
+@pytest.mark.parametrize(("sign", "drop", "episodes"), [(-1.0, "never", 1), (1.0, "stationary", 5)])
+def test_training_stops_where_the_gradient_vanishes_on_the_tangent_and_no_multiplier_is_positive(
+    sign: float, drop: str, episodes: int
+) -> None:
+    """Where one is, the constraint may be dropped: docs/reproduction.md, slip 1."""
+    mdp, theta, thresholds = opposed(sign)
+    learner, policy = CPGRL(ConstrainedStep(drop=drop), thresholds), SoftmaxTable(3, 3, theta)
+    records = list(train(mdp, policy, ExactGradient(), learner, episodes=5, runs=2, stop_when_stationary=True))
+    assert len(records) == episodes
+    assert records[0].update.stationary.all() == (episodes == 1)
+    assert np.allclose(records[0].parameters, [theta, theta], atol=1e-12) == (episodes == 1)
+    assert episodes == 1 or records[-1].linearization.values[0, 0] > records[0].linearization.values[0, 0]
+    assert len(list(train(mdp, policy, ExactGradient(), learner, episodes=5, runs=2))) == 5
 
 
 def test_values_and_gradients_are_the_mdps_own() -> None:

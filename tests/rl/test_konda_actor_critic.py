@@ -1,17 +1,14 @@
-"""Konda's actor-critic: by hand; compiled = plain; its critic is TD(β)'s fixed point, its limit the exact gradient."""
+"""Konda's actor-critic: its critic is TD(β)'s fixed point, its limit the exact gradient; averages a kind a channel."""
 
-# ruff: noqa: ARG002 - stand-ins take what they ignore
-
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep
-from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp, random_state
-from rl import CPGRL, GPOMDP, KondaActorCritic, LinearSoftmax, SoftmaxTable, train
-from rl.streams import run_streams
+from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
+from rl import GPOMDP, KondaActorCritic, SoftmaxTable
+
+from .stand_ins import streams
 
 CASES = {"two states": (2, 2, 2), "five states": (5, 3, 3), "no constraint": (3, 2, 1), "twenty actions": (2, 20, 4)}
 
@@ -24,62 +21,6 @@ def mdp_of(case: str) -> TabularMDP:
 
 def table_of(mdp: TabularMDP, seed: int = 1) -> SoftmaxTable:
     return SoftmaxTable(mdp.states, mdp.actions, np.random.default_rng(seed).random(mdp.states * mdp.actions))
-
-
-def episode_streams(runs: int, seed: int = 0) -> list[np.random.SeedSequence]:
-    return [run_streams(seed, run).episodes for run in range(runs)]
-
-
-# --- the same definition, the same draws -------------------------------------------------------------------------
-
-
-def words(stream: np.random.SeedSequence) -> Iterator[int]:
-    """xoshiro256++ in plain integers, written from the published recurrence."""
-    s0, s1, s2, s3 = (int(word) for word in random_state(stream))
-    mask = 2**64 - 1
-
-    def rotated(x: int, k: int) -> int:
-        return ((x << k) | (x >> (64 - k))) & mask
-
-    while True:
-        yield (rotated((s0 + s3) & mask, 23) + s0) & mask
-        t = (s1 << 17) & mask
-        s2 ^= s0
-        s3 ^= s1
-        s1 ^= s2
-        s0 ^= s3
-        s2 ^= t
-        s3 = rotated(s3, 45)
-
-
-class Replay:
-    """The MDP and its policy on the draws of the compiled kernel: a word's high half acts, its low half moves."""
-
-    def __init__(self, mdp: TabularMDP, table: SoftmaxTable, stream: np.random.SeedSequence) -> None:
-        self.mdp, self.table, self.words = mdp, table, words(stream)
-        self.reward_channels, self.parameters = mdp.reward_channels, table.parameters
-        self.cumulative = mdp.finite_kernel().transition_cumulative
-
-    def with_parameters(self, parameters: np.ndarray) -> "Replay":
-        self.table = self.table.with_parameters(parameters)
-        return self
-
-    def reset(self, seed: int) -> tuple[int, dict[str, Any]]:
-        self.state = self.mdp.start
-        return self.state, {}
-
-    def sample(self, observation: int, rng: object) -> int:
-        self.word = next(self.words)
-        below = np.cumsum(self.table.probabilities()[observation])
-        return min(int(np.searchsorted(below, (self.word >> 32) / 2**32, side="right")), self.table.actions - 1)
-
-    def score(self, observation: int, action: int) -> np.ndarray:
-        return self.table.score(observation, action)
-
-    def step(self, action: int) -> tuple[int, np.ndarray, bool, bool, dict[str, Any]]:
-        reward, row = self.mdp.rewards[:, self.state, action], self.cumulative[self.state, action]
-        self.state = int(np.searchsorted(row, (self.word & 0xFFFFFFFF) / 2**32, side="right"))
-        return self.state, reward, False, False, {}
 
 
 # --- the fixed point of TD(β) ------------------------------------------------------------------------------------
@@ -125,7 +66,7 @@ def test_with_the_printed_reward_of_the_next_step_it_is_not() -> None:
 def settled(mdp: TabularMDP, table: SoftmaxTable, decay: float, rate: float, steps: int) -> dict[str, np.ndarray]:
     """w, Δ and ρ of 40 runs in their second long episode, at α_w = α_r = rate."""
     settings = KondaActorCritic(trace_decay=decay, critic_rate=rate, average_rate=rate, steps=steps)
-    estimation = settings.start(mdp, table, episode_streams(40, seed=int(1e6 * rate)))
+    estimation = settings.start(mdp, table, streams(40, seed=int(1e6 * rate)))
     for _ in range(2):
         estimate = estimation.episode(np.tile(table.parameters, (40, 1)))
     return {"w": estimation.critics, "Δ": estimate.gradients, "ρ": estimate.values}  # type: ignore[attr-defined]
@@ -160,7 +101,7 @@ def test_critics_and_gradients_settle_at_the_fixed_point(case: str, decay: float
 def test_at_the_papers_rates_the_mean_gradient_points_the_same_way_and_is_half_as_long() -> None:
     mdp = ThreeStateMDP()
     table = table_of(mdp)
-    estimation = KondaActorCritic(steps=100).start(mdp, table, episode_streams(400))
+    estimation = KondaActorCritic(steps=100).start(mdp, table, streams(400))
     gradients = [estimation.episode(np.tile(table.parameters, (400, 1))).gradients.mean(axis=0) for _ in range(90)]
     mean, limit = np.mean(gradients[30:], axis=0), fixed_point(mdp, table, 0.99)[1]
     lengths = np.linalg.norm(mean, axis=1), np.linalg.norm(limit, axis=1)
@@ -180,7 +121,7 @@ def test_an_average_per_episode_is_that_of_the_episodes_sums(estimator: Any, pat
     parameters, expected = np.tile(table_of(mdp).parameters, (2, 1)), np.zeros((2, 4))
     shared = {"average_rate": 0.3, "steps": 7, "bias_correction": False}
     started = [
-        settings.start(environment, SoftmaxTable(3, 3), episode_streams(2))
+        settings.start(environment, SoftmaxTable(3, 3), streams(2))
         for settings in (estimator(average=kinds, **shared), estimator(**shared))
     ]
     for _ in range(5):
@@ -191,80 +132,9 @@ def test_an_average_per_episode_is_that_of_the_episodes_sums(estimator: Any, pat
         np.testing.assert_array_equal(some.gradients[:, [0, 2]], none.gradients[:, [0, 2]])
 
 
-@pytest.mark.parametrize("path", ["compiled", "plain"])
-def test_per_episode_a_critic_subtracts_no_average_and_its_sum_ends_at_the_limit(path: str) -> None:
-    """By hand on one state: w after two episodes of two steps, the second of which has Δ = Σ_t wᵀψ_t ψ_t."""
-    mdp = TabularMDP(np.ones((1, 2, 1)), [[[1.0, 3.0]]])
-    settings = KondaActorCritic(trace_decay=0.5, average_rate=0.1, critic_rate=0.1, average="episode", steps=2)
-    replay = Replay(mdp, SoftmaxTable(1, 2), episode_streams(1)[0])
-    environment: Any = mdp if path == "compiled" else replay
-    policy: Any = SoftmaxTable(1, 2) if path == "compiled" else replay
-    estimation = settings.start(environment, policy, episode_streams(1))
-    draws, w = Replay(mdp, SoftmaxTable(1, 2), episode_streams(1)[0]), np.zeros(2)
-    for _ in range(3):
-        estimate = estimation.episode(np.zeros((1, 2)))
-        draws.reset(0)
-        taken = []
-        for _ in range(3):  # the last one to bootstrap from, which a sum does not
-            taken.append(draws.sample(0, None))
-            draws.step(taken[-1])
-        scores = [np.array([-0.5, 0.5]) * (1 if action else -1) for action in taken]
-        trace, expected = np.zeros(2), np.zeros(2)
-        for t, following in enumerate((scores[1], np.zeros(2))):
-            expected += w @ scores[t] * scores[t]
-            trace = 0.5 * trace + scores[t]
-            w = w + 0.1 * (1.0 + 2 * taken[t] + w @ following - w @ scores[t]) * trace
-        np.testing.assert_allclose(estimate.gradients[0, 0], expected, atol=1e-14)
-
-
 @pytest.mark.parametrize("estimator", [KondaActorCritic, GPOMDP])
 def test_averages_are_refused_unless_there_is_one_for_each_channel(estimator: Any) -> None:
     with pytest.raises(ValueError, match=r"average should be one of step, episode.*found 'year'"):
         estimator(average=("step", "year"))
     with pytest.raises(ValueError, match="average should be one kind, or 4, one for each channel; found 2"):
-        estimator(average=("step", "episode")).start(ThreeStateMDP(), SoftmaxTable(3, 3), episode_streams(1))
-
-
-# --- training, the boundary --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("path", ["compiled", "plain"])
-def test_a_run_is_bit_identical_for_any_batch(path: str) -> None:
-    mdp = ThreeStateMDP()
-    environment: Any = mdp if path == "compiled" else TabularEnv(mdp)
-    policy: Any = SoftmaxTable(3, 3) if path == "compiled" else LinearSoftmax(lambda s: np.eye(3)[s], 3, 3)
-
-    def trained(runs: Any) -> np.ndarray:
-        estimator = KondaActorCritic(steps=20)
-        *_, record = train(environment, policy, estimator, CPGRL(ConstrainedStep(), [0, 0, 0]), episodes=6, runs=runs)
-        return record.parameters
-
-    together = trained(4)
-    assert len(np.unique(together, axis=0)) == 4
-    np.testing.assert_array_equal(trained([3, 1]), together[[3, 1]])
-
-
-@pytest.mark.parametrize(
-    ("setting", "value"),
-    [
-        ("trace_decay", 1.0),
-        ("average_rate", -0.1),
-        ("average_rate", np.nan),
-        ("critic_rate", np.inf),
-        ("critic_rate", -1.0),
-        ("steps", 0),
-    ],
-)
-def test_settings_outside_their_range_are_refused(setting: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{setting} should be"):
-        KondaActorCritic(**{setting: value})  # type: ignore[arg-type]
-
-
-def test_a_table_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match="policy should have 3 states and 3 actions"):
-        KondaActorCritic().start(ThreeStateMDP(), SoftmaxTable(3, 2), episode_streams(1))
-
-
-def test_what_is_no_environment_is_refused() -> None:
-    with pytest.raises(ValueError, match="environment should be a Gymnasium environment"):
-        KondaActorCritic().start(object(), SoftmaxTable(3, 3), episode_streams(1))
+        estimator(average=("step", "episode")).start(ThreeStateMDP(), SoftmaxTable(3, 3), streams(1))

@@ -14,7 +14,8 @@ from envs import FiniteKernel, TabularEnv, TabularMDP, ThreeStateEnv, ThreeState
 from envs.interface import continuous_kernels_of, finite_kernel_of
 from rl import GPOMDP, ExactGradient, KondaActorCritic, NormalizedGaussianNetwork, SoftmaxTable
 from rl.drivers import PythonDriver
-from rl.streams import run_streams
+
+from .stand_ins import Foreign, streams
 
 ESTIMATORS = [GPOMDP(steps=7), KondaActorCritic(steps=7)]
 ONES = np.ones((2, 3, 3))  # every step yields 1 in both channels
@@ -25,7 +26,7 @@ MINUS_SEVEN = [[-7.0, -7.0]]
 def rewards_of(environment: Any, estimator: Any, policy: Any = None) -> list[list[float]]:
     """Each channel's sum over one episode of one run."""
     policy = SoftmaxTable(3, 3) if policy is None else policy
-    estimation = estimator.start(environment, policy, [run_streams(0, 0).episodes])
+    estimation = estimator.start(environment, policy, streams())
     return estimation.episode(np.array([policy.parameters])).rewards.tolist()
 
 
@@ -39,14 +40,19 @@ def turned(step: Any) -> Any:
     return other
 
 
+class First(SoftmaxTable):
+    """Takes the first action whatever θ is."""
+
+    def sample(self, observation: Any, rng: Any) -> int:
+        return 0
+
+
 class OwnStep(ThreeStateEnv):
     step = turned(ThreeStateEnv.step)
 
 
-class Mixin:
-    def step(self, action: Any) -> Any:
-        observation, reward, *rest = super().step(action)  # type: ignore[misc]
-        return (observation, -reward, *rest)
+class Mixin(TabularEnv):
+    step = turned(TabularEnv.step)
 
 
 class Mixed(Mixin, ThreeStateEnv):
@@ -77,9 +83,7 @@ class Lender:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
 
-    def step(self, action: Any) -> Any:
-        observation, reward, *rest = self.inner.step(action)
-        return (observation, -reward, *rest)
+    step = turned(lambda self, action: self.inner.step(action))
 
 
 class Wrapped(gymnasium.Wrapper):  # type: ignore[type-arg]
@@ -212,7 +216,7 @@ def test_who_changes_nothing_or_declares_a_kernel_runs_compiled(estimator: Any) 
         (Helped(), SEVEN),
     ):
         assert rewards_of(environment, estimator) == rewards
-        estimation = estimator.start(environment, SoftmaxTable(3, 3), [run_streams(0, 0).episodes])
+        estimation = estimator.start(environment, SoftmaxTable(3, 3), streams())
         assert not isinstance(getattr(estimation, "driver", None), PythonDriver)
 
 
@@ -247,22 +251,17 @@ class NearMiss(TwoLinkArm):
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_an_arm_is_trained_by_its_own_step(estimator: Any) -> None:
+def test_an_arm_is_trained_by_its_own_step_or_refused(estimator: Any) -> None:
+    message = "NearMiss should declare its own continuous_kernels, or have reset and step, since it has its own touched"
+    for refuse in (lambda: rewards_of(NearMiss(), estimator, network()), lambda: TwoLinkArmEnv(NearMiss())):
+        with pytest.raises(ValueError, match=message):
+            refuse()
     environment = OwnArmStep(touch_radius=1e-6)
     assert rewards_of(environment, estimator, network()) == [[-7.0, -14.0, 21.0]]
     assert continuous_kernels_of(environment) is None
     for compiled in (TwoLinkArm(), TwoLinkArmEnv()):
-        started = estimator.start(compiled, network(), [run_streams(0, 0).episodes])
+        started = estimator.start(compiled, network(), streams())
         assert not isinstance(started.driver, PythonDriver)
-
-
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_an_arm_with_other_kinematics_and_no_step_is_refused(estimator: Any) -> None:
-    message = "NearMiss should declare its own continuous_kernels, or have reset and step, since it has its own touched"
-    with pytest.raises(ValueError, match=message):
-        rewards_of(NearMiss(), estimator, network())
-    with pytest.raises(ValueError, match=message):
-        TwoLinkArmEnv(NearMiss())
 
 
 # --- finite MDPs -------------------------------------------------------------------------------------------------
@@ -292,24 +291,20 @@ def test_an_mdp_with_a_step_is_trained_by_it_or_refused(estimator: Any) -> None:
         TabularEnv(Halting())
 
 
-def test_exact_answers_are_refused_where_the_dynamics_are_somebodys_own() -> None:
-    streams = [run_streams(0, 0).episodes]
-    for mdp in (Halting(), Lame()):
-        with pytest.raises(ValueError, match="should declare its own average_rewards and policy_gradients"):
-            ExactGradient().start(mdp, SoftmaxTable(3, 3), streams)
-    with pytest.raises(ValueError, match="policy should be a SoftmaxTable with no code of its own; found First"):
-        ExactGradient().start(ThreeStateMDP(), First(3, 3), streams)
-    ExactGradient().start(ThreeStateMDP(), SoftmaxTable(3, 3), streams)
+@pytest.mark.parametrize(
+    ("mdp", "policy", "message"),
+    [
+        (Halting(), SoftmaxTable, "should declare its own average_rewards and policy_gradients"),
+        (Lame(), SoftmaxTable, "should declare its own average_rewards and policy_gradients"),
+        (ThreeStateMDP(), First, "policy should be a SoftmaxTable with no code of its own; found First"),
+    ],
+)
+def test_exact_answers_are_refused_where_the_dynamics_are_somebodys_own(mdp: Any, policy: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ExactGradient().start(mdp, policy(3, 3), streams())
 
 
 # --- policies ----------------------------------------------------------------------------------------------------
-
-
-class First(SoftmaxTable):
-    """Takes the first action whatever θ is."""
-
-    def sample(self, observation: Any, rng: Any) -> int:
-        return 0
 
 
 class Upright(NormalizedGaussianNetwork):
@@ -355,14 +350,4 @@ def test_a_policy_of_ones_own_may_read_other_observations() -> None:
         def score(self, observation: Any, action: Any) -> np.ndarray:
             return super().score(int(observation[0] > 0), action)
 
-    class Point(gymnasium.Env):  # type: ignore[type-arg]
-        observation_space, action_space = gymnasium.spaces.Box(-1, 1, (1,)), gymnasium.spaces.Discrete(2)
-        reward_space = gymnasium.spaces.Box(-1, 1, (2,))
-
-        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-            return np.zeros(1), {}
-
-        def step(self, action: int) -> Any:
-            return np.ones(1), np.ones(2), False, False, {}
-
-    assert rewards_of(Point(), GPOMDP(steps=7), Halves(2, 2)) == SEVEN
+    assert rewards_of(Foreign(), GPOMDP(steps=7), Halves(2, 2)) == SEVEN
