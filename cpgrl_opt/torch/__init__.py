@@ -1,0 +1,16 @@
+"""Constrained updates in a training loop of PyTorch, with thresholds and a certificate. Needs the extra `torch`.
+
+    info = constrained_backward(loss, [cost_1, cost_2], thresholds=[0.1, 0.35], parameters=net.parameters(), step=step)
+
+Objectives are losses, which are minimised, and constraints are costs, which should stay below their thresholds, unless
+kind="reward" says otherwise: the signs of those who write such loops. Everywhere else in this package they are turned.
+
+backward               `constrained_backward`, in the place of loss.backward()
+channels               objective and constraints → gradients; parameters: which of them move
+step_info              what happened, by the names of the constraints
+"""
+
+from .backward import constrained_backward as constrained_backward
+from .step_info import StepInfo as StepInfo
+
+__all__ = ["StepInfo", "constrained_backward"]

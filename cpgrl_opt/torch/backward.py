@@ -1,0 +1,81 @@
+"""In the place of loss.backward(): one gradient for the optimiser, that of a step under constraints.
+
+    p.grad += −change/α₁                    SGD with lr = α₁ moves by the change of `ConstrainedStep`, α₁ its step_size
+
+Where no constraint is active this is ∇loss.
+"""
+
+from typing import Any
+
+import torch
+
+from ..step import ConstrainedStep
+from .channels import Channels, linearize
+from .parameters import read_parameters
+from .step_info import StepInfo, describe
+
+
+def constrained_backward(
+    objective: Any,
+    constraints: Any,
+    *,
+    values: Any = None,
+    thresholds: Any,
+    parameters: Any,
+    step: ConstrainedStep,
+    kind: str = "cost",
+    previous: StepInfo | None = None,
+    retain_graph: bool = False,
+    batched: bool = False,
+) -> StepInfo:
+    """Adds to `.grad` of each parameter what descends the objective under the constraints.
+
+    Parameters
+    ----------
+    objective : the loss, a tensor of one number that is minimised, or a function that makes it.
+    constraints : tensors of one number, in a list or by name in a dict, or one tensor (m,). Functions in their place
+        are called one after the other, each graph being freed before the next is made.
+    values : (m,) or by name, where the tensors are surrogates that have the gradients and not the values, as those of
+        policy gradients. By default the tensors' own.
+    thresholds : (m,) or by name: upper limits of costs, lower limits of rewards.
+    parameters : tensors or groups, as an optimiser takes them. Frozen ones, and those that nothing depends on, are
+        left alone.
+    step : how constraints are met; step.step_size is the rate at which its change is exact.
+    kind : "cost", whose values should be ≤ thresholds, or "reward", ≥. The objective is a loss with either.
+    previous : the last update's, for rules with memory.
+    retain_graph : as of `backward`.
+    batched : all gradients in one reverse pass (`vmap`), which takes the memory of all at once.
+
+    Raises
+    ------
+    ValueError
+        For what does not fit, a graph that is gone, NaN; DirectionError if `step.on_failure` says so. Then nothing is
+        written.
+    """
+    rate = _require_rate(step)
+    channels = Channels.read(objective, constraints, values, thresholds, kind)
+    moving = read_parameters(parameters)
+    found, gradients, places = channels.differentiate(moving, retain_graph=retain_graph, batched=batched)
+    linearization = linearize(found, gradients, channels)
+    limits = channels.slack_thresholds()
+    result = step(linearization, limits, None if previous is None else previous.previous)
+    accumulate([moving[k] for k in places], [part.mul_(-1.0 / rate) for part in result.change])
+    return describe(result, linearization.slack(limits), channels.names)
+
+
+def accumulate(parameters: list[Any], gradients: list[Any]) -> None:
+    """Into `.grad`, as `backward` does."""
+    with torch.no_grad():
+        for parameter, gradient in zip(parameters, gradients, strict=True):
+            if parameter.grad is None:
+                parameter.grad = gradient
+            else:
+                parameter.grad += gradient
+
+
+def _require_rate(step: ConstrainedStep) -> float:
+    if not isinstance(step, ConstrainedStep):
+        raise ValueError(f"step should be a ConstrainedStep; found {step!r}")
+    if step.step_size == 0:
+        raise ValueError("step_size of step should be > 0, which .grad is in units of; found 0")
+    return float(step.step_size)  # type: ignore[arg-type]

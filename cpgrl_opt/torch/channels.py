@@ -1,0 +1,174 @@
+"""Objective and constraints of a loop → a `Linearization` in the signs of this package, and thresholds that go with it.
+
+    g = −∇loss,   Jᵢ = −∇costᵢ (or ∇rewardᵢ),   slackᵢ = thresholdᵢ − costᵢ (or rewardᵢ − thresholdᵢ)
+
+The sign is what reverse mode begins with, so that no gradient is copied to turn it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..linearization import Linearization
+from ..validation import finite_array, real_values, require_member, require_shape
+
+KINDS = ("cost", "reward")
+# What autograd says of a graph that is gone, or that compiled code keeps for one pass only.
+_GONE = ("second time", "donated buffers")
+
+Loss = Any  # a tensor of one number, or a function that makes one
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """The objective and the constraints, checked; `names` where these came in a dict.
+
+    thresholds, values: as they were given, in the order of the constraints; values None: those of the tensors.
+    """
+
+    objective: Loss | None
+    constraints: list[Loss]
+    names: tuple[Any, ...] | None
+    thresholds: np.ndarray
+    values: np.ndarray | None
+    sign: float  # of the constraints
+
+    @classmethod
+    def read(cls, objective: Loss | None, constraints: Any, values: Any, thresholds: Any, kind: str) -> "Channels":
+        """ValueError for what does not fit."""
+        require_member("kind", kind, KINDS)
+        names = tuple(constraints) if isinstance(constraints, Mapping) else None
+        given = [*constraints.values()] if names is not None else _in_order(constraints)
+        limits = _numbers("thresholds", thresholds, names, len(given))
+        known = None if values is None else _numbers("values", values, names, len(given))
+        return cls(objective, given, names, limits, known, -1.0 if kind == "cost" else 1.0)
+
+    def name(self, channel: int) -> str:
+        """As the caller would write it."""
+        if channel == 0:
+            return "objective"
+        return f"constraints[{(channel - 1 if self.names is None else self.names[channel - 1])!r}]"
+
+    def differentiate(
+        self, parameters: list[Any], *, scale: float = 1.0, retain_graph: bool = False, batched: bool = False
+    ) -> tuple[np.ndarray, list[list[Any]], list[int]]:
+        """(values, gradients, places): of the parameters at these places, which are those that any channel depends on.
+
+        values (1 + m) and gradients are in this package's signs, the latter times scale. One reverse pass after
+        another, or all at once where `batched`.
+        """
+        losses = [(i, each) for i, each in enumerate([self.objective, *self.constraints]) if each is not None]
+        signs = [-1.0 if i == 0 else self.sign for i, _ in losses]
+        found = np.zeros(1 + len(self.constraints))
+        if batched:
+            tensors = [self._evaluate(i, each) for i, each in losses]
+            rows = _batched_gradients(tensors, [scale * sign for sign in signs], parameters, retain_graph)
+            values = [float(each.detach()) for each in tensors]
+        else:
+            rows, values = [], []
+            last = max((k for k, (_, each) in enumerate(losses) if not callable(each)), default=-1)
+            for k, (i, each) in enumerate(losses):
+                tensor = self._evaluate(i, each)
+                values.append(float(tensor.detach()))
+                keep = not callable(each) and (k != last or retain_graph)
+                rows.append(_gradient(self.name(i), tensor, scale * signs[k], parameters, keep))
+        for (i, _), sign, value in zip(losses, signs, values, strict=True):
+            found[i] = sign * value
+        self._require_dependence(losses, rows)
+        if self.values is not None:
+            found[1:] = self.sign * self.values
+        places = [k for k in range(len(parameters)) if any(row[k] is not None for row in rows)]
+        zeros: dict[int, Any] = {}  # one for all channels that do not depend on it
+        for row in rows:
+            for k in places:
+                if row[k] is None:
+                    row[k] = zeros.setdefault(k, torch.zeros_like(parameters[k]))
+        return found, [[row[k] for k in places] for row in rows], places
+
+    def slack_thresholds(self) -> np.ndarray:
+        """In this package's signs."""
+        return self.sign * self.thresholds
+
+    def _evaluate(self, channel: int, loss: Loss) -> Any:
+        if callable(loss):
+            with torch.enable_grad():
+                loss = loss()
+        name = self.name(channel)
+        if not isinstance(loss, torch.Tensor):
+            raise ValueError(f"{name} should be a tensor, or a function that makes one; found {loss!r}")
+        if loss.numel() != 1 or not loss.is_floating_point():
+            raise ValueError(f"{name} should be one real number; found {loss.dtype} of shape {tuple(loss.shape)}")
+        if not loss.requires_grad:
+            raise ValueError(f"{name} should depend on the parameters; found a tensor without a graph")
+        return loss
+
+    def _require_dependence(self, losses: list[tuple[int, Loss]], rows: list[list[Any]]) -> None:
+        for (i, _), row in zip(losses, rows, strict=True):
+            if all(part is None for part in row):
+                raise ValueError(f"{self.name(i)} should depend on the parameters; found no gradient at all")
+
+
+def linearize(values: np.ndarray, gradients: list[list[Any]], channels: Channels) -> Linearization:
+    """ValueError that names the channel whose gradient is not finite."""
+    try:
+        return Linearization(values, gradients)
+    except ValueError as error:
+        for i, row in enumerate(gradients):
+            if not all(bool(torch.isfinite(part).all()) for part in row):
+                raise ValueError(f"{channels.name(i)} should have a finite gradient; found NaN or infinity") from error
+        raise
+
+
+def _in_order(constraints: Any) -> list[Loss]:
+    if isinstance(constraints, torch.Tensor):
+        if constraints.ndim != 1:
+            raise ValueError(
+                f"constraints should be a list, a dict or one axis; found shape {tuple(constraints.shape)}"
+            )
+        return [*constraints.unbind()]
+    if not isinstance(constraints, Sequence) or isinstance(constraints, str):
+        raise ValueError(f"constraints should be a list or a dict of tensors; found {constraints!r}")
+    return [*constraints]
+
+
+def _numbers(name: str, given: Any, names: tuple[Any, ...] | None, count: int) -> np.ndarray:
+    """(m,), in the order of the constraints."""
+    if isinstance(given, Mapping):
+        if names is None or {*given} != {*names}:
+            wanted = "in order as constraints are" if names is None else f"named {', '.join(map(str, names))}"
+            raise ValueError(f"{name} should be {wanted}; found {', '.join(map(str, given))}")
+        given = [given[each] for each in names]
+    numbers = np.atleast_1d(real_values(name, given)) if count else np.zeros(np.shape(given))
+    require_shape(name, numbers, (count,))
+    return finite_array(name, numbers, 1)
+
+
+def _gradient(name: str, tensor: Any, seed: float, parameters: list[Any], retain_graph: bool) -> list[Any]:
+    start = torch.full_like(tensor, seed)
+    return _attempt(
+        name, lambda: torch.autograd.grad(tensor, parameters, start, retain_graph=retain_graph, allow_unused=True)
+    )
+
+
+def _batched_gradients(
+    tensors: list[Any], seeds: list[float], parameters: list[Any], retain_graph: bool
+) -> list[list[Any]]:
+    """All in one reverse pass, by `vmap`: the rows are views of stacked gradients."""
+    outputs = torch.stack([tensor.reshape(()) for tensor in tensors])
+    start = torch.diag(torch.tensor(seeds, dtype=outputs.dtype, device=outputs.device))
+    settings = {"retain_graph": retain_graph, "allow_unused": True, "is_grads_batched": True}
+    parts = _attempt("constraints", lambda: torch.autograd.grad(outputs, parameters, start, **settings))
+    return [[None if part is None else part[i] for part in parts] for i in range(len(tensors))]
+
+
+def _attempt(name: str, differentiate: Callable[[], Any]) -> list[Any]:
+    try:
+        return [*differentiate()]
+    except RuntimeError as error:
+        if any(each in str(error) for each in _GONE):
+            advice = "see retain_graph, and donated_buffer where it is compiled"
+            raise ValueError(f"{name} should have a graph that is still there ({advice}); found: {error}") from error
+        raise

@@ -1,0 +1,47 @@
+"""Which tensors move: those of a module or of the groups of an optimiser that are not frozen."""
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import torch
+
+
+def read_parameters(parameters: Any) -> list[Any]:
+    """The parameters that are not frozen, in their order.
+
+    Parameters
+    ----------
+    parameters : what optimisers of PyTorch take: tensors, or groups of them, dicts with "params".
+
+    Raises
+    ------
+    ValueError
+        For what is no leaf, complex, on another device, there twice, or none at all.
+    """
+    found = [each for each in _tensors_in(parameters) if each.requires_grad]
+    if not found:
+        raise ValueError("parameters should have one that requires a gradient; found none")
+    for k, each in enumerate(found):
+        if not each.is_leaf:
+            raise ValueError(f"parameters should be leaf tensors; found that number {k} is computed from others")
+        if each.is_complex():
+            raise ValueError(f"parameters should be real; found that number {k} is of {each.dtype}")
+        if each.device != found[0].device:
+            raise ValueError(f"parameters should be on one device; found {found[0].device} and {each.device}")
+    if len({*map(id, found)}) < len(found):
+        raise ValueError("parameters should be there once each; found one twice")
+    return found
+
+
+def _tensors_in(parameters: Any) -> Iterator[Any]:
+    if isinstance(parameters, torch.Tensor):
+        parameters = [parameters]
+    if isinstance(parameters, dict) or not isinstance(parameters, Iterable):
+        raise ValueError(f"parameters should be tensors, or groups of them as optimisers take; found {parameters!r}")
+    for each in parameters:
+        if isinstance(each, dict) and "params" in each:
+            yield from _tensors_in(each["params"])
+        elif isinstance(each, torch.Tensor):
+            yield each
+        else:
+            raise ValueError(f"parameters should be tensors, or groups with 'params'; found {each!r}")
