@@ -12,7 +12,7 @@ P = TypeVar("P")
 
 _OURS = (SoftmaxTable, LinearSoftmax, LinearGaussian, NormalizedGaussianNetwork)
 _AS_WRITTEN: dict[type, dict[str, Any]] = {
-    kind: {name: code for name, code in vars(kind).items() if callable(code) and not name.startswith("__")}
+    kind: {name: code for name in dir(kind) if not name.startswith("__") and callable(code := getattr(kind, name))}
     for kind in _OURS
 }
 _IMMUTABLE = (int, float, str, bool, type(None))
@@ -55,7 +55,7 @@ def behaves_as(policy: object, kind: type[P]) -> TypeGuard[P]:
 
     if not isinstance(policy, kind) or overridden(policy, kind):
         return False
-    return all(vars(kind).get(name) is code for name, code in _AS_WRITTEN.get(kind, {}).items())  # unless patched
+    return all(getattr(kind, name) is code for name, code in _AS_WRITTEN.get(kind, {}).items())  # unless patched
 
 
 def require_fitting(environment: Any, policy: Policy) -> None:

@@ -35,14 +35,19 @@ class Policy(Protocol):
 
 P = TypeVar("P", bound=Policy)
 
-
 _MOST_PARAMETERS = 10**12  # 8 TB
+
+
+def set_fields(policy: Any, **values: Any) -> None:
+    """Fills the fields of a frozen policy, in its constructor."""
+    for name, value in values.items():
+        object.__setattr__(policy, name, value)
 
 
 def parameter_vector(parameters: ArrayLike, n: int) -> NDArray[np.float64]:
     """A read-only copy of θ, (n,); ValueError unless it is n finite real numbers."""
     if parameters is None or isinstance(parameters, np.ma.MaskedArray):
-        raise ValueError(f"parameters should have shape ({n},); found {_described(parameters)}")
+        raise ValueError(f"parameters should have shape ({n},), no entry masked; found {parameters!r}")
     theta = real_values("parameters", parameters).copy()
     if theta.shape != (n,):
         raise ValueError(f"parameters should have shape ({n},); found {theta.shape}")
@@ -50,10 +55,6 @@ def parameter_vector(parameters: ArrayLike, n: int) -> NDArray[np.float64]:
         raise ValueError(f"parameters should be finite; found {theta[~np.isfinite(theta)][0]}")
     theta.flags.writeable = False
     return theta
-
-
-def _described(parameters: ArrayLike | None) -> str:
-    return "None" if parameters is None else f"a masked array, {parameters!r}"
 
 
 def first_parameters(parameters: ArrayLike | None, n: int) -> NDArray[np.float64]:
@@ -72,7 +73,7 @@ def at_parameters(policy: P, parameters: ArrayLike) -> P:
     other = copy.copy(policy)
     for name in [name for name in vars(other) if isinstance(getattr(type(other), name, None), cached_property)]:
         del vars(other)[name]
-    object.__setattr__(other, "parameters", theta)
+    set_fields(other, parameters=theta)
     return other
 
 

@@ -1,7 +1,7 @@
 """A Gaussian over actions whose mean is linear in features of the observation."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,16 +9,30 @@ from numpy.typing import ArrayLike
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count, require_positive
 
-from .interface import Features, at_parameters, feature_vector, first_parameters
+from .gaussian import GaussianPolicy
+from .interface import Features, feature_vector, first_parameters, set_fields
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class LinearGaussian:
-    """u ~ N(Θᵀφ(x), σ²I);   ψ = φ(x) ⊗ (u − Θᵀφ(x)) / σ².
+class LinearGaussian(GaussianPolicy):
+    """u ~ N(Θᵀφ(x), σ²I);   ψ = φ(x) ⊗ (u − Θᵀφ(x)) / σ².   u is taken as drawn: see `GaussianPolicy`.
 
-    features: φ(x), (k,), finite; Θ: (k, d), θ its rows one after the other; deviation σ > 0 in the unit of u.
-    u is taken as drawn, and ψ is of that u: whatever rounds it to the action space's dtype or clips it to the bounds,
-    as gymnasium.wrappers.ClipAction, does so behind the policy.
+    Parameters
+    ----------
+    features
+        φ(x), (k,), finite numbers.
+    size, dimensions
+        k of the features and d of the action.
+    deviation
+        σ > 0, in the unit of u.
+    parameters
+        θ, (k·d,), the rows of Θ (k, d) one after the other; zeros unless given.
+
+    Raises
+    ------
+    ValueError
+        For sizes below 1, another deviation, a θ that does not fit; where it acts, features of another size.
+
     Source: Williams (1992), §6; the shape of the paper's §4.1 policy.
     """
 
@@ -40,36 +54,10 @@ class LinearGaussian:
         require_count("size", size)
         require_count("dimensions", dimensions)
         require_positive("deviation", deviation)
-        for name, value in (
-            ("features", features),
-            ("size", int(size)),
-            ("dimensions", int(dimensions)),
-            ("deviation", float(deviation)),
-            ("parameters", first_parameters(parameters, size * dimensions)),
-        ):
-            object.__setattr__(self, name, value)
-
-    def mean(self, observation: Any) -> Float[np.ndarray, "d"]:
-        """Θᵀφ(x), (d,)."""
-        return self._of(self._features(observation))
-
-    def sample(self, observation: Any, rng: np.random.Generator) -> Float[np.ndarray, "d"]:
-        """An action, (d,)."""
-        return self.mean(observation) + self.deviation * rng.standard_normal(self.dimensions)
-
-    def score(self, observation: Any, action: ArrayLike) -> Vector:
-        """ψ, (k·d,)."""
-        phi = self._features(observation)
-        surprise = (np.asarray(action, dtype=np.float64) - self._of(phi)) / self.deviation**2
-        return np.outer(phi, surprise).reshape(-1)
-
-    def with_parameters(self, parameters: ArrayLike) -> Self:
-        """The policy at another θ, (k·d,)."""
-        return at_parameters(self, parameters)
+        set_fields(
+            self, features=features, size=int(size), dimensions=int(dimensions), deviation=float(deviation),
+            parameters=first_parameters(parameters, size * dimensions),
+        )  # fmt: skip
 
     def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
         return feature_vector(self.features(observation), self.size)
-
-    def _of(self, phi: Float[np.ndarray, "k"]) -> Float[np.ndarray, "d"]:
-        mean: np.ndarray = phi @ self.parameters.reshape(self.size, self.dimensions)
-        return mean

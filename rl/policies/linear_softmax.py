@@ -9,15 +9,30 @@ from numpy.typing import ArrayLike
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count
 
-from .interface import Features, Index, at_parameters, feature_vector, first_parameters
-from .softmax_table import softmax
+from .interface import Features, Index, at_parameters, feature_vector, first_parameters, set_fields
+from .softmax_table import draw_action, softmax
 
 
 @dataclass(frozen=True, init=False, eq=False)
 class LinearSoftmax:
     """μ_θ(x, a) ∝ exp (Θᵀφ(x))_a;   ψ = φ(x) ⊗ (1[· = a] − μ_θ(x, ·)).
 
-    features: φ(x), (k,), finite; Θ: (k, A), θ its rows one after the other. One-hot features make it `SoftmaxTable`.
+    One-hot features make it `SoftmaxTable`.
+
+    Parameters
+    ----------
+    features
+        φ(x), (k,), finite numbers.
+    size, actions
+        k of the features and A.
+    parameters
+        θ, (k·A,), the rows of Θ (k, A) one after the other; zeros unless given.
+
+    Raises
+    ------
+    ValueError
+        For sizes below 1 and a θ that does not fit; where it acts, for features of another size.
+
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., §13.1.
     """
 
@@ -29,13 +44,8 @@ class LinearSoftmax:
     def __init__(self, features: Features, size: int, actions: int, parameters: ArrayLike | None = None) -> None:
         require_count("size", size)
         require_count("actions", actions)
-        for name, value in (
-            ("features", features),
-            ("size", int(size)),
-            ("actions", int(actions)),
-            ("parameters", first_parameters(parameters, size * actions)),
-        ):
-            object.__setattr__(self, name, value)
+        theta = first_parameters(parameters, size * actions)
+        set_fields(self, features=features, size=int(size), actions=int(actions), parameters=theta)
 
     def probabilities(self, observation: Any) -> Float[np.ndarray, "A"]:
         """μ_θ(x, ·), (A,)."""
@@ -43,8 +53,7 @@ class LinearSoftmax:
 
     def sample(self, observation: Any, rng: np.random.Generator) -> int:
         """An action 0 … A − 1."""
-        cumulative = np.cumsum(self.probabilities(observation))
-        return min(int(np.searchsorted(cumulative, rng.random(), side="right")), self.actions - 1)
+        return draw_action(self.probabilities(observation), rng)
 
     def score(self, observation: Any, action: Index) -> Vector:
         """ψ, (k·A,)."""

@@ -1,7 +1,7 @@
 """The normalised Gaussian network for compiled rollouts; `NormalizedGaussianNetwork` says what these compute.
 
 Inside kernels a vector of θ's length has its rows and columns exchanged, index c·K + j instead of j·d + c, so that
-every loop over it runs along memory; `exchanged` changes between the two orders.
+every loop over it runs along memory; the driver changes between the two orders.
 """
 
 from typing import NamedTuple
@@ -116,12 +116,3 @@ def act(  # type: ignore[no-untyped-def]
         scaled = noise / deviation
         for j in range(size):
             score[c * size + j] = features[j] * scaled
-
-
-@kernel("void(float64[::1], int64, float64[::1])")
-def exchange(vector, rows, into):  # type: ignore[no-untyped-def]
-    """vector read as (rows, columns), written into `into` by columns."""
-    columns = vector.size // rows
-    for i in range(rows):
-        for j in range(columns):
-            into[j * rows + i] = vector[i * columns + j]

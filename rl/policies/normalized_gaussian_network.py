@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,14 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from cpgrl_opt.arrays import Vector
 from cpgrl_opt.validation import is_number, real_values, require_count, require_positive
 
-from .interface import at_parameters, first_parameters
+from .gaussian import GaussianPolicy
+from .interface import first_parameters, set_fields
 
 _ONE = np.ones(1)
-_NARROWEST = 0.1  # of the spacing: narrower ones tell cells apart, nothing more, and overflow when compiled
+_NARROWEST = 0.1  # of the spacing: at 0.1 a neighbour's weight is e⁻⁵⁰; compiled, e^(½ width⁻²) is ∞ below 0.027
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class NormalizedGaussianNetwork:
+class NormalizedGaussianNetwork(GaussianPolicy):
     """u ~ N(Θᵀn(x), σ²I),   nⱼ(x) = gⱼ(x)/Σₖ gₖ(x),   gⱼ(x) = exp(−½ Σ_d ((x_d − c_{j,d})/w_d)²).
 
         ψ = n(x) ⊗ (u − Θᵀn(x))/σ²,     μ_θ(x, u) ∝ exp(−‖u − Θᵀn(x)‖²/(2σ²))
@@ -26,13 +26,29 @@ class NormalizedGaussianNetwork:
     The exponent holds the *squared* norm: the paper prints ‖·‖ where a Gaussian has ‖·‖² (docs/reproduction.md,
     slip 5); its η₂ is 1/(2σ²). u is taken as drawn: an environment that clips it does so behind the policy.
 
-    low, high: (D,), the corners of the grid of centres, in the unit of x, both ends included; counts: (D,), centres
-    along each axis, ≥ 2; w_d is `width`, ≥ 0.1, times the spacing along axis d. For the arm:
-    `TwoLinkArm().stops`, (5, 8) and 1.
-    dimensions: d of the action; deviation σ: > 0, in the unit of u.
-    θ: (K·d,), Θ (K, d) by rows, K = Π counts; basis function j counts the grid with its last axis fastest, so with
-    counts (5, 8) θ[2(8a + b) + c] is what centre (a, b) adds to component c of the mean. Zeros unless given.
-    Raises ValueError for other bounds, counts, numbers. Source: §4.1 of the paper; Moody & Darken (1989), eq. 4.
+    Parameters
+    ----------
+    low, high
+        (D,), the corners of the grid of centres, in the unit of x, both ends included.
+    counts
+        (D,), centres along each axis, ≥ 2. For the arm the three are `*TwoLinkArm().stops, (5, 8)`.
+    dimensions
+        d of the action.
+    deviation
+        σ > 0, in the unit of u.
+    width
+        w_d by the spacing along axis d, ≥ 0.1.
+    parameters
+        θ, (K·d,), Θ (K, d) by rows, K = Π counts; basis function j counts the grid with its last axis fastest,
+        so that with counts (5, 8) θ[2(8a + b) + c] is what centre (a, b) adds to
+        component c of the mean. Zeros unless given.
+
+    Raises
+    ------
+    ValueError
+        For other bounds, counts, numbers.
+
+    Source: §4.1 of the paper; Moody & Darken (1989), eq. 4.
     """
 
     low: Vector
@@ -63,17 +79,11 @@ class NormalizedGaussianNetwork:
         if not is_number(width) or not _NARROWEST <= width < np.inf:
             raise ValueError(f"width should be a finite number ≥ {_NARROWEST}; found {width!r}")
         corners = _corners(low, high, len(counts))
-        size = int(np.prod(counts))
-        for name, value in (
-            ("low", corners[0]),
-            ("high", corners[1]),
-            ("counts", tuple(int(count) for count in counts)),
-            ("dimensions", int(dimensions)),
-            ("deviation", float(deviation)),
-            ("width", float(width)),
-            ("parameters", first_parameters(parameters, size * dimensions)),
-        ):
-            object.__setattr__(self, name, value)
+        set_fields(
+            self, low=corners[0], high=corners[1], counts=tuple(map(int, counts)), dimensions=int(dimensions),
+            deviation=float(deviation), width=float(width),
+            parameters=first_parameters(parameters, int(np.prod(counts)) * dimensions),
+        )  # fmt: skip
 
     @property
     def size(self) -> int:
@@ -105,28 +115,6 @@ class NormalizedGaussianNetwork:
         """Lowest centre, spacing, and the centres' places 0, 1, … along each axis."""
         places = [np.arange(count, dtype=np.float64) for count in self.counts]
         return list(zip(self.low.tolist(), self.spacing.tolist(), places, strict=True))
-
-    def mean(self, observation: ArrayLike) -> Vector:
-        """Θᵀn(x), (d,)."""
-        return self._of(self.features(observation))
-
-    def sample(self, observation: ArrayLike, rng: np.random.Generator) -> Vector:
-        """An action, (d,)."""
-        return self.mean(observation) + self.deviation * rng.standard_normal(self.dimensions)
-
-    def score(self, observation: ArrayLike, action: ArrayLike) -> Vector:
-        """ψ of the action as drawn, before any clipping, (K·d,)."""
-        features = self.features(observation)
-        surprise = (np.asarray(action, dtype=np.float64) - self._of(features)) / self.deviation**2
-        return np.outer(features, surprise).reshape(-1)
-
-    def with_parameters(self, parameters: ArrayLike) -> Self:
-        """The network at another θ, (K·d,)."""
-        return at_parameters(self, parameters)
-
-    def _of(self, features: Vector) -> Vector:
-        mean: Vector = features @ self.parameters.reshape(-1, self.dimensions)
-        return mean
 
 
 def _corners(low: ArrayLike, high: ArrayLike, axes: int) -> NDArray[np.float64]:

@@ -9,14 +9,26 @@ from numpy.typing import ArrayLike
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count
 
-from .interface import Index, at_parameters, first_parameters
+from .interface import Index, at_parameters, first_parameters, set_fields
 
 
 @dataclass(frozen=True, init=False, eq=False)
 class SoftmaxTable:
     """μ_θ(s, a) = exp θ_{s,a} / Σ_b exp θ_{s,b};   ψ_{s',b}(s, a) = 1[s' = s] (1[b = a] − μ_θ(s, b)).
 
-    θ: (S·A,), index s·A + a; zeros, the uniform policy, unless given. Source: §3.1 of the paper.
+    Parameters
+    ----------
+    states, actions
+        S and A, ≥ 1.
+    parameters
+        θ, (S·A,), index s·A + a; zeros, the uniform policy, unless given.
+
+    Raises
+    ------
+    ValueError
+        For sizes below 1 and a θ that does not fit.
+
+    Source: §3.1 of the paper.
     """
 
     states: int
@@ -26,12 +38,8 @@ class SoftmaxTable:
     def __init__(self, states: int, actions: int, parameters: ArrayLike | None = None) -> None:
         require_count("states", states)
         require_count("actions", actions)
-        for name, value in (
-            ("states", int(states)),
-            ("actions", int(actions)),
-            ("parameters", first_parameters(parameters, states * actions)),
-        ):
-            object.__setattr__(self, name, value)
+        theta = first_parameters(parameters, states * actions)
+        set_fields(self, states=int(states), actions=int(actions), parameters=theta)
 
     def probabilities(self, parameters: Float[np.ndarray, "*runs n"] | None = None) -> Float[np.ndarray, "*runs S A"]:
         """μ_θ as a table (…, S, A), of the policy's own θ or of many, (…, S·A)."""
@@ -40,9 +48,7 @@ class SoftmaxTable:
 
     def sample(self, observation: Index, rng: np.random.Generator) -> int:
         """An action 0 … A − 1 in the state 0 … S − 1."""
-        cumulative = np.cumsum(self._row(observation))
-        # min: rounding can leave the last sum below the draw
-        return min(int(np.searchsorted(cumulative, rng.random(), side="right")), self.actions - 1)
+        return draw_action(self._row(observation), rng)
 
     def score(self, observation: Index, action: Index) -> Vector:
         """ψ, (S·A,): zero but for the A entries of the state."""
@@ -64,3 +70,9 @@ def softmax(preferences: Float[np.ndarray, "*rows A"]) -> Float[np.ndarray, "*ro
     weights: np.ndarray = np.exp(preferences - preferences.max(axis=-1, keepdims=True))
     weights /= weights.sum(axis=-1, keepdims=True)
     return weights
+
+
+def draw_action(probabilities: Float[np.ndarray, "A"], rng: np.random.Generator) -> int:
+    """An action 0 … A − 1."""
+    place = int(np.searchsorted(np.cumsum(probabilities), rng.random(), side="right"))
+    return min(place, len(probabilities) - 1)  # rounding can leave the last sum below the draw

@@ -12,8 +12,8 @@ from cpgrl_opt.arrays import Bool, Float
 from envs import TabularMDP
 
 from ..policies import SoftmaxTable
-from .contract import isolatable, require
-from .estimators import check_gradients, scaled
+from .contract import isolatable
+from .estimators import check_averages, check_gradients, mean_estimates
 
 _STATES, _ACTIONS = 3, 2
 _QUITS = ((0.6, 0.9), (0.1, 0.3))  # between which an action's chance to end the episode is drawn
@@ -57,9 +57,8 @@ class EpisodicMDP:
         g, slopes = restarted.average_rewards(table), restarted.policy_gradients(table)
         # E[Σ r] of each channel, and of a reward of 1: E[T].
         sums = np.append(g[:-1], 1.0) / g[-1]
-        gradients = (np.append(slopes[:-1], np.zeros_like(slopes[:1]), axis=0) - sums[:, None, None] * slopes[-1]) / g[
-            -1
-        ]
+        sum_slopes = np.append(slopes[:-1], np.zeros_like(slopes[:1]), axis=0)
+        gradients = (sum_slopes - sums[:, None, None] * slopes[-1]) / g[-1]
         kept, kept_slopes = sums.copy(), gradients.copy()
         if not first_step:
             first = np.append(self.rewards[:, self.start], np.ones((1, table.shape[1])), axis=0)
@@ -98,13 +97,8 @@ class EpisodicEnv(gymnasium.Env[np.int64, np.int64]):
         pair = self._state, int(action)
         ends, draw = self.np_random.random(2)
         self._state = int((draw >= self._beyond[pair]).sum())
-        return (
-            np.int64(self._state),
-            self.mdp.rewards[(slice(None), *pair)].copy(),
-            ends < self.mdp.quits[pair],
-            False,
-            {},
-        )
+        reward = self.mdp.rewards[(slice(None), *pair)].copy()
+        return np.int64(self._state), reward, ends < self.mdp.quits[pair], False, {}
 
 
 @isolatable
@@ -140,22 +134,16 @@ def check_episodic_estimator(
         policy, theta = SoftmaxTable(_STATES, _ACTIONS), rng.normal(0.0, 0.5, _STATES * _ACTIONS)
         table = policy.probabilities(theta)
         mdp = _hasty_or_lasting(rng, table)
-        channels = len(mdp.rewards)
-        kinds = [average] * channels if isinstance(average, str) else list(average)
+        kinds = [average] * len(mdp.rewards) if isinstance(average, str) else list(average)
         by_episode = np.array([kind == "episode" for kind in kinds])
         exact, slopes = mdp.averages(table, by_episode, first_step=first_step)
         streams = np.random.SeedSequence(entropy=seed, spawn_key=(number,)).spawn(runs)
         estimation = estimator.start(EpisodicEnv(mdp), policy, streams)
-        values, gradients = np.zeros((runs, channels)), np.zeros((runs, channels, theta.size))
-        for episode in range(warm_up + episodes):
-            estimate = estimation.episode(np.tile(theta, (runs, 1)))
-            if episode >= warm_up:
-                values += estimate.values / episodes
-                gradients += estimate.gradients / episodes
+        values, gradients = mean_estimates(estimation, theta, runs, episodes, warm_up)
         length = 1 / mdp.restarted.average_rewards(table)[-1]
         scale = mdp.rewards.std(axis=(1, 2)) * np.where(by_episode, length, 1.0)
-        _check_values(exact, values, bias * scale, kinds, z)
-        check_gradients(slopes, scaled(gradients, slopes) if up_to_scale else gradients, bias, z)
+        check_averages(exact, values, bias * scale, z, [f"per {kind}, " for kind in kinds])
+        check_gradients(slopes, gradients, bias, z, up_to_scale=up_to_scale)
 
 
 def _hasty_or_lasting(rng: np.random.Generator, table: np.ndarray) -> EpisodicMDP:
@@ -172,15 +160,3 @@ def _hasty_or_lasting(rng: np.random.Generator, table: np.ndarray) -> EpisodicMD
     least = (slopes / slopes.mean(axis=1, keepdims=True)).min(axis=0)  # of both averages
     steepest = np.arange(0, count, _CANDIDATES) + least.reshape(-1, _CANDIDATES).argmax(axis=1)
     return EpisodicMDP(transitions, quits, rewards[steepest])
-
-
-def _check_values(exact: np.ndarray, values: np.ndarray, off: np.ndarray, kinds: Sequence[str], z: float) -> None:
-    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
-    for channel, found in enumerate(values.mean(axis=0)):
-        allowed = off[channel] + z * error[channel]
-        require(
-            abs(found - exact[channel]) <= allowed,
-            f"ρ of channel {channel} should be the exact average per {kinds[channel]}, {exact[channel]:.4g}, within "
-            f"{allowed:.2g}",
-            f"{found:.4g} ± {error[channel]:.1g} (standard error)",
-        )

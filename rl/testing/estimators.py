@@ -10,11 +10,12 @@ from envs import TabularMDP
 
 from ..carried import put_back, state_of
 from ..policies import SoftmaxTable
-from .contract import ContractBroken, isolatable, require
+from .contract import isolatable, require
 
 _STATES, _ACTIONS, _CHANNELS = 4, 3, 3
 _AVERAGES = np.array([0.1, -0.05, 0.05])
 _CANDIDATES = 6
+_PARTS = ("values", "gradients")  # of an estimate
 _BLIND = 0.35  # of ‖∇gⁱ‖: an error of this size must stand out from the noise, or the check says nothing
 
 
@@ -52,23 +53,26 @@ def check_gradient_estimator(
         rng = np.random.default_rng([seed, number])
         policy, theta = SoftmaxTable(_STATES, _ACTIONS), rng.normal(0.0, 0.5, _STATES * _ACTIONS)
         mdp = _slow_mdp(rng, policy.probabilities(theta))
-        streams = np.random.SeedSequence(entropy=seed, spawn_key=(number,)).spawn(runs)
         _check_streams(estimator, mdp, policy, theta, seed)
         _check_carried(estimator, mdp, policy, theta, seed)
-        estimation = estimator.start(mdp, policy, streams)
-        parameters = np.tile(theta, (runs, 1))
-        for _ in range(warm_up):
-            estimation.episode(parameters)
-        values, gradients = np.zeros((runs, _CHANNELS)), np.zeros((runs, _CHANNELS, theta.size))
-        for _ in range(episodes):
-            estimate = estimation.episode(parameters)
-            values += estimate.values / episodes
-            gradients += estimate.gradients / episodes
-        _check_averages(mdp, policy.probabilities(theta), values, z)
-        exact = mdp.policy_gradients(policy.probabilities(theta)).reshape(_CHANNELS, -1)
-        if up_to_scale:
-            gradients = scaled(gradients, exact)
-        check_gradients(exact, gradients, bias, z)
+        streams = np.random.SeedSequence(entropy=seed, spawn_key=(number,)).spawn(runs)
+        values, gradients = mean_estimates(estimator.start(mdp, policy, streams), theta, runs, episodes, warm_up)
+        table = policy.probabilities(theta)
+        check_averages(mdp.average_rewards(table), values, 0.02 * mdp.rewards.std(axis=(1, 2)), z)
+        exact = mdp.policy_gradients(table).reshape(_CHANNELS, -1)
+        check_gradients(exact, gradients, bias, z, up_to_scale=up_to_scale)
+
+
+def mean_estimates(
+    estimation: Any, theta: np.ndarray, runs: int, episodes: int, warm_up: int
+) -> tuple[Float[np.ndarray, "R channels"], Float[np.ndarray, "R channels n"]]:
+    """Each run's mean of ρ and of Δ over episodes at a fixed θ, after others in which what is carried settles."""
+    parameters = np.tile(theta, (runs, 1))
+    for _ in range(warm_up):
+        estimation.episode(parameters)
+    estimates = [estimation.episode(parameters) for _ in range(episodes)]
+    values, gradients = (np.mean([getattr(each, name) for each in estimates], axis=0) for name in _PARTS)
+    return values, gradients
 
 
 def _slow_mdp(rng: np.random.Generator, table: np.ndarray) -> TabularMDP:
@@ -92,20 +96,24 @@ def _slow_mdp(rng: np.random.Generator, table: np.ndarray) -> TabularMDP:
 
 def _check_streams(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta: np.ndarray, seed: int) -> None:
     parameters = theta + np.linspace(0.0, 0.3, 3)[:, None]
-    together = _three_episodes(estimator, mdp, policy, parameters, seed, (0, 1, 2))
+
+    def play(*runs: int) -> list[np.ndarray]:
+        streams = [np.random.SeedSequence(entropy=seed, spawn_key=(99, run)) for run in runs]
+        return _three_episodes(estimator.start(mdp, policy, streams), parameters[list(runs)])
+
+    together, alone = play(0, 1, 2), zip(*(play(run) for run in range(3)), strict=True)
     for name, again in (
-        ("the same streams", _three_episodes(estimator, mdp, policy, parameters, seed, (0, 1, 2))),
-        (
-            "each run alone",
-            _joined([_three_episodes(estimator, mdp, policy, parameters, seed, (k,)) for k in range(3)]),
-        ),
+        ("the same streams", play(0, 1, 2)),
+        ("each run alone", [np.concatenate(runs, axis=1) for runs in alone]),
     ):
-        for what, one, other in zip(("values", "gradients"), together, again, strict=True):
-            require(
-                np.array_equal(one, other),
-                f"{what} should be the same bits from {name}: a run is a function of its stream and θ",
-                f"a difference of {np.abs(one - other).max():.3g}",
+        for what, one, other in zip(_PARTS, together, again, strict=True):
+            _require_same(
+                one, other, f"{what} should be the same bits from {name}: a run is a function of its stream and θ"
             )
+
+
+def _require_same(one: np.ndarray, other: np.ndarray, should: str, why: str = "") -> None:
+    require(np.array_equal(one, other), should, f"a difference of {np.abs(one - other).max():.3g}{why}")
 
 
 def _check_carried(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta: np.ndarray, seed: int) -> None:
@@ -119,85 +127,77 @@ def _check_carried(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta:
     put_back(second, state_of(first))
     for _ in range(2):
         one, other = first.episode(parameters), second.episode(parameters)
-        for what in ("values", "gradients"):
-            own, again = getattr(one, what), getattr(other, what)
-            require(
-                np.array_equal(own, again),
-                f"{what} should be the same bits where another estimation goes on from what `carried` names",
-                f"a difference of {np.abs(own - again).max():.3g}: something else is carried too",
-            )
+        for what in _PARTS:
+            should = f"{what} should be the same bits where another estimation goes on from what `carried` names"
+            _require_same(getattr(one, what), getattr(other, what), should, ": something else is carried too")
 
 
-def _joined(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    values, gradients = zip(*runs, strict=True)
-    return np.concatenate(values, axis=1), np.concatenate(gradients, axis=1)
-
-
-def _three_episodes(
-    estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, parameters: np.ndarray, seed: int, runs: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    streams = [np.random.SeedSequence(entropy=seed, spawn_key=(99, run)) for run in runs]
-    estimation = estimator.start(mdp, policy, streams)
-    own = parameters[list(runs)]
-    before, estimates, copies = own.copy(), [], []
+def _three_episodes(estimation: Any, parameters: np.ndarray) -> list[np.ndarray]:
+    """ρ and Δ of three episodes, (3, B, …) each; what is checked of any estimate on the way."""
+    before, estimates, copies = parameters.copy(), [], []
+    shape = (len(parameters), _CHANNELS)
     for _ in range(3):
-        estimate = estimation.episode(own)
-        shape = (len(runs), _CHANNELS)
-        require(np.shape(estimate.values) == shape, f"values should have shape {shape}", np.shape(estimate.values))
-        wide, found = (*shape, parameters.shape[1]), np.shape(estimate.gradients)
-        require(found == wide, f"gradients should have shape {wide}", found)
-        for name in ("values", "gradients"):
-            require(np.isfinite(getattr(estimate, name)).all(), f"{name} should be finite", getattr(estimate, name))
+        estimate = estimation.episode(parameters)
+        for name, wanted in zip(_PARTS, (shape, (*shape, parameters.shape[1])), strict=True):
+            found = getattr(estimate, name)
+            require(np.shape(found) == wanted, f"{name} should have shape {wanted}", np.shape(found))
+            require(np.isfinite(found).all(), f"{name} should be finite", found)
         estimates.append(estimate)
-        copies.append((estimate.values.copy(), estimate.gradients.copy()))
-    require(np.array_equal(own, before), "parameters should not be written to", "changed parameters")
-    for estimate, (values, gradients) in zip(estimates, copies, strict=True):
-        fresh = np.array_equal(estimate.values, values) and np.array_equal(estimate.gradients, gradients)
+        copies.append([getattr(estimate, name).copy() for name in _PARTS])
+    require(np.array_equal(parameters, before), "parameters should not be written to", "changed parameters")
+    for estimate, own in zip(estimates, copies, strict=True):
+        fresh = all(np.array_equal(getattr(estimate, name), part) for name, part in zip(_PARTS, own, strict=True))
         require(fresh, "each estimate should have arrays of its own", "arrays that a later episode wrote to")
-    return np.stack([values for values, _ in copies]), np.stack([gradients for _, gradients in copies])
+    return [np.stack(parts) for parts in zip(*copies, strict=True)]
 
 
-def _check_averages(mdp: TabularMDP, table: np.ndarray, values: Float[np.ndarray, "R channels"], z: float) -> None:
-    exact, error = mdp.average_rewards(table), values.std(axis=0, ddof=1) / np.sqrt(len(values))
-    spread = mdp.rewards.std(axis=(1, 2))
+def check_averages(
+    exact: Float[np.ndarray, "channels"],
+    values: Float[np.ndarray, "R channels"],
+    off: Float[np.ndarray, "channels"],
+    z: float,
+    kinds: Sequence[str] = ("",) * _CHANNELS,
+) -> None:
+    """|mean ρⁱ − its exact value| ≤ offⁱ + z·SE for every channel; kinds: what each average is, in words."""
+    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
     for channel, found in enumerate(values.mean(axis=0)):
-        allowed = 0.02 * spread[channel] + z * error[channel]
-        require(
-            abs(found - exact[channel]) <= allowed,
-            f"ρ of channel {channel} should be the exact average {exact[channel]:.4g} within {allowed:.2g}",
-            f"{found:.4g} ± {error[channel]:.1g} (standard error){_mixed_up(found, exact, channel, allowed)}",
-        )
-
-
-def scaled(gradients: Float[np.ndarray, "R channels n"], exact: np.ndarray) -> Float[np.ndarray, "R channels n"]:
-    """Each Δⁱ times the positive number that fits best."""
-    mean = gradients.mean(axis=0)
-    factor = np.einsum("cn,cn->c", mean, exact) / np.maximum(np.einsum("cn,cn->c", mean, mean), 1e-300)
-    return np.asarray(np.where(factor > 0, factor, 1.0)[:, None] * gradients)
+        allowed = off[channel] + z * error[channel]
+        others = [k for k in range(len(exact)) if k != channel and abs(found - exact[k]) <= allowed]
+        mixed_up = f": that is channel {others[0]}'s" if others else ""
+        should = f"ρ of channel {channel} should be the exact average {kinds[channel]}{exact[channel]:.4g}"
+        told = f"{found:.4g} ± {error[channel]:.1g} (standard error){mixed_up}"
+        require(abs(found - exact[channel]) <= allowed, f"{should} within {allowed:.2g}", told)
 
 
 def check_gradients(
-    exact: Float[np.ndarray, "channels n"], gradients: Float[np.ndarray, "R channels n"], bias: float, z: float
+    exact: Float[np.ndarray, "channels n"],
+    gradients: Float[np.ndarray, "R channels n"],
+    bias: float,
+    z: float,
+    *,
+    up_to_scale: bool,
 ) -> None:
-    """‖mean Δⁱ − ∇ρⁱ‖ ≤ bias·‖∇ρⁱ‖ + z·SE for every channel, and z·SE small enough for an error to show."""
+    """‖mean Δⁱ − ∇ρⁱ‖ ≤ bias·‖∇ρⁱ‖ + z·SE for every channel, and z·SE small enough for an error to show.
+
+    up_to_scale: each Δⁱ is first multiplied by the positive number that fits best.
+    """
+    if up_to_scale:
+        mean = gradients.mean(axis=0)
+        factor = (mean * exact).sum(axis=1) / np.maximum((mean * mean).sum(axis=1), 1e-300)
+        gradients = np.where(factor > 0, factor, 1.0)[:, None] * gradients
     mean, error = gradients.mean(axis=0), np.sqrt((gradients.var(axis=0, ddof=1) / len(gradients)).sum(axis=1))
     for channel in range(len(exact)):
-        size = np.linalg.norm(exact[channel])
+        size, length = np.linalg.norm(exact[channel]), np.linalg.norm(mean[channel])
         off, allowed = np.linalg.norm(mean[channel] - exact[channel]), bias * size + z * error[channel]
-        cosine = mean[channel] @ exact[channel] / max(np.linalg.norm(mean[channel]) * size, 1e-300)
-        if off > allowed:
-            raise ContractBroken(
-                f"Δ of channel {channel} should be ∇g{channel}, of length {size:.3g}, within {allowed:.2g}; found it "
-                f"off by {off:.3g} ({off / size:.0%}), cosine {cosine:.3f}, length {np.linalg.norm(mean[channel]):.3g}"
-            )
+        cosine = mean[channel] @ exact[channel] / max(length * size, 1e-300)
+        require(
+            off <= allowed,
+            f"Δ of channel {channel} should be ∇g{channel}, of length {size:.3g}, within {allowed:.2g}",
+            f"it off by {off:.3g} ({off / size:.0%}), cosine {cosine:.3f}, length {length:.3g}",
+        )
         require(
             z * error[channel] <= _BLIND * size,
             f"the standard error of Δ of channel {channel} should be below {_BLIND / z * size:.2g}, for an error of "
             f"{_BLIND:.0%} to show: more runs or episodes",
             f"{error[channel]:.2g}",
         )
-
-
-def _mixed_up(found: float, exact: np.ndarray, channel: int, allowed: float) -> str:
-    others = [k for k in range(len(exact)) if k != channel and abs(found - exact[k]) <= allowed]
-    return f": that is channel {others[0]}'s" if others else ""

@@ -1,6 +1,6 @@
 """Compiled kernels against `step`: the same rewards, the same distribution."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,10 @@ def check_continuous_kernels(kernels: ContinuousKernels, env: Any, seed: int, z:
         "number of steps",
         *(f"share of episodes that end with {event}" for event in kernels.events),
     ]
-    sources = np.random.SeedSequence(seed).spawn(2)
-    by_kernel = np.array(list(_kernel_episodes(kernels, sources[0])))
-    by_step = np.array(list(_step_episodes(kernels, env, sources[1])))
+    by_kernel, by_step = (
+        np.array(list(make(kernels, env, source)))
+        for make, source in zip((_kernel_episodes, _step_episodes), np.random.SeedSequence(seed).spawn(2), strict=True)
+    )
     for power, what in ((1, "mean"), (2, "mean square")):
         means = [(sample**power).mean(axis=0) for sample in (by_kernel, by_step)]
         errors = np.sqrt(sum((sample**power).var(axis=0, ddof=1) / _EPISODES for sample in (by_kernel, by_step)))
@@ -75,38 +76,46 @@ def check_continuous_kernels(kernels: ContinuousKernels, env: Any, seed: int, z:
         )
 
 
-def _kernel_episodes(kernels: ContinuousKernels, source: np.random.SeedSequence) -> Iterator[np.ndarray]:
+def _kernel_episodes(kernels: ContinuousKernels, _: Any, source: np.random.SeedSequence) -> Iterator[np.ndarray]:
     state, reward = np.zeros(kernels.state_size), np.zeros(kernels.reward_channels)
     own, actions = source.spawn(2)
-    stream, rng = random_state(own), np.random.default_rng(actions)
-    for _ in range(_EPISODES):
+    stream = random_state(own)
+
+    def begin() -> np.ndarray:
         kernels.reset(kernels.constants, stream, state)
-        start, total, event, steps = state.copy(), np.zeros(kernels.reward_channels), 0, 0
-        while event == 0 and steps < min(_STEPS, kernels.max_steps):
-            event = kernels.step(kernels.constants, state, rng.standard_normal(kernels.action_size), stream, reward)
-            total += reward
-            steps += 1
-        yield _described(kernels, start, state, total, steps, event)
+        return state
+
+    def step(action: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, bool]:
+        event = kernels.step(kernels.constants, state, action, stream, reward)
+        return state, reward, event, event != 0
+
+    return _episodes(kernels, np.random.default_rng(actions), begin, step)
 
 
 def _step_episodes(kernels: ContinuousKernels, env: Any, source: np.random.SeedSequence) -> Iterator[np.ndarray]:
     rng, key = np.random.default_rng(source), event_key(env)
+
+    def begin() -> np.ndarray:
+        return np.array(env.reset(seed=int(rng.integers(2**31)))[0])
+
+    def step(action: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, bool]:
+        state, reward, terminated, truncated, info = env.step(action)
+        event = event_of(info, key, terminated=terminated)
+        return state, reward, event, bool(event or truncated)
+
+    return _episodes(kernels, rng, begin, step)
+
+
+def _episodes(
+    kernels: ContinuousKernels, rng: np.random.Generator, begin: Callable[[], np.ndarray], step: Callable[..., Any]
+) -> Iterator[np.ndarray]:
+    """Of each episode of random actions: start, way, sums of rewards, steps, and which event ended it."""
     for _ in range(_EPISODES):
-        start = np.array(env.reset(seed=int(rng.integers(2**31)))[0])
-        state, total, event, steps = start, np.zeros(kernels.reward_channels), 0, 0
-        while event == 0 and steps < min(_STEPS, kernels.max_steps):
-            action = rng.standard_normal(kernels.action_size)
-            state, reward, terminated, truncated, info = env.step(action)
+        state = begin()
+        start, total, event, steps, ended = state.copy(), np.zeros(kernels.reward_channels), 0, 0, False
+        while not ended and steps < min(_STEPS, kernels.max_steps):
+            state, reward, event, ended = step(rng.standard_normal(kernels.action_size))
             total += reward
             steps += 1
-            event = event_of(info, key, terminated=terminated)
-            if truncated:
-                break
-        yield _described(kernels, start, state, total, steps, event)
-
-
-def _described(
-    kernels: ContinuousKernels, start: np.ndarray, state: np.ndarray, total: np.ndarray, steps: int, event: int
-) -> np.ndarray:
-    ends = np.arange(1, len(kernels.events) + 1) == event
-    return np.concatenate([np.ravel(start), np.ravel(state) - np.ravel(start), total, [steps], ends.astype(float)])
+        ends = np.arange(1, len(kernels.events) + 1) == event
+        yield np.concatenate([np.ravel(start), np.ravel(state - start), total, [steps], ends.astype(float)])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from envs import random_state
 from rl import NormalizedGaussianNetwork
-from rl.policies.normalized_gaussian_kernels import act, exchange, fill_features, grid_of, normal_pair
+from rl.policies.normalized_gaussian_kernels import act, fill_features, grid_of, normal_pair
 
 LOW, HIGH = [-1.0, 2.0], [1.0, 9.0]
 
@@ -152,16 +152,15 @@ def test_a_compiled_action_carries_its_own_score(dimensions: int) -> None:
     theta = np.random.default_rng(4).normal(size=40 * dimensions)
     policy = NormalizedGaussianNetwork(LOW, HIGH, (5, 8), dimensions, deviation=0.5, parameters=theta)
     words = random_state(np.random.SeedSequence(1))
-    swapped, score, action = np.empty(theta.size), np.empty(theta.size), np.empty(dimensions)
-    exchange(theta, 40, swapped)
+    swapped = np.ascontiguousarray(theta.reshape(40, dimensions).T).ravel()
+    score, action = np.empty(theta.size), np.empty(dimensions)
     for state in np.random.default_rng(5).uniform(LOW, HIGH, (20, 2)):
         draws = words.copy()
         act(swapped, state, 0.5, *grid_of(policy), words, np.empty(8), np.empty(40), action, score)
         noise = np.ravel([normal_pair(draws) for _ in range((dimensions + 1) // 2)])[:dimensions]
         np.testing.assert_array_equal(words, draws)
         np.testing.assert_allclose(action, policy.mean(state) + 0.5 * noise, rtol=1e-12)
-        by_rows = np.empty(theta.size)
-        exchange(score, dimensions, by_rows)
+        by_rows = score.reshape(dimensions, 40).T.ravel()
         np.testing.assert_allclose(by_rows, policy.score(state, action), atol=1e-12)
 
 
