@@ -2,27 +2,12 @@
 
 import subprocess
 import sys
-from functools import cache
+from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
-from numba import types
 
-from envs import (
-    RESET_SIGNATURE,
-    STEP_SIGNATURE,
-    ContinuousEnvironment,
-    ContinuousKernels,
-    FiniteEnvironment,
-    FiniteKernel,
-    TabularMDP,
-    ThreeStateMDP,
-    VectorReward,
-    function_type,
-    random_mdp,
-    random_state,
-)
+from envs import FiniteKernel, ThreeStateMDP, TwoLinkArm, random_mdp, random_state
 from envs.interface.random_stream import next_word, uniform
 
 
@@ -40,14 +25,6 @@ def test_a_finite_kernel_holds_the_distribution_functions_of_the_mdp():
     assert (kernel.transition_cumulative[:, :, -1] == 1).all()
     assert kernel.rewards.tolist() == mdp.rewards.tolist()
     assert (kernel.start, kernel.reward_channels) == (mdp.start, 2)
-
-
-def test_no_draw_below_one_reaches_an_impossible_state():
-    # 0.1 + 0.2 + 0.7 is 1 − 2⁻⁵³ or so: the largest draw must still stop at the last possible state.
-    mdp = TabularMDP([[[0, 0.1, 0.2, 0.7, 0]]] * 5, np.zeros((1, 5, 1)))
-    row = mdp.finite_kernel().transition_cumulative[0, 0]
-    for draw, state in [(0.0, 1), (np.nextafter(1, 0), 3)]:
-        assert np.argmax(draw < row) == state
 
 
 def test_kernel_arrays_are_fresh_writeable_and_contiguous():
@@ -118,69 +95,7 @@ def test_streams_are_fixed_by_their_seed_and_differ_between_children():
     assert random_state(np.random.SeedSequence(7, spawn_key=(0,))).tolist() == first.tolist()
 
 
-@cache  # not compiled where another worker has the tests that need it
-def reset_and_step():
-    @numba.njit(RESET_SIGNATURE)
-    def start_anywhere(constants, random_state, state):
-        for i in range(state.size):
-            state[i] = constants[0] * uniform(random_state)
-
-    @numba.njit(STEP_SIGNATURE)
-    def drift(constants, state, action, random_state, reward):
-        state[0] += action[0]
-        reward[0] = state[0]
-        reward[1] = uniform(random_state)
-        return 1 if state[0] > constants[1] else 0
-
-    return start_anywhere, drift
-
-
-class Line:
-    """The smallest continuous environment: a point that drifts to the right until it is over the edge."""
-
-    reward_channels = 2
-
-    def continuous_kernels(self):
-        return ContinuousKernels(1, 1, 2, np.array([0.5, 3.0]), *reset_and_step(), 100, ("over the edge",))
-
-
-def test_one_compiled_rollout_takes_any_environments_kernels():
-    @numba.njit(
-        types.Tuple((types.int64, types.int64))(
-            function_type(RESET_SIGNATURE),
-            function_type(STEP_SIGNATURE),
-            types.float64[::1],
-            types.uint64[::1],
-            types.float64[:, ::1],
-        )
-    )
-    def rollout(reset, step, constants, random_state, rewards):
-        state, action = np.empty(1), np.full(1, 0.25)
-        reset(constants, random_state, state)
-        for t in range(len(rewards)):
-            event = step(constants, state, action, random_state, rewards[t])
-            if event != 0:
-                return t + 1, event
-        return len(rewards), 0
-
-    kernels = Line().continuous_kernels()
-    rewards = np.zeros((kernels.max_steps, kernels.reward_channels))
-    state = random_state(np.random.SeedSequence(3))
-    words = reference_words(state.tolist(), 20)
-    steps, event = rollout(kernels.reset, kernels.step, kernels.constants, state, rewards)
-    begin = 0.5 * (words[0] >> 11) / 2**53
-    assert steps == int(np.floor((3.0 - begin) / 0.25)) + 1
-    assert kernels.events[event - 1] == "over the edge"
-    np.testing.assert_allclose(rewards[:steps, 0], begin + 0.25 * np.arange(1, steps + 1), rtol=1e-14)
-    assert rewards[:steps, 1].tolist() == [(word >> 11) / 2**53 for word in words[1 : steps + 1]]
-
-
-def test_environments_are_told_apart_by_what_they_offer():
-    assert isinstance(Line(), VectorReward)
-    assert isinstance(Line(), ContinuousEnvironment)
-    assert not isinstance(Line(), FiniteEnvironment)
-    assert isinstance(ThreeStateMDP(), FiniteEnvironment)
-    assert not isinstance(ThreeStateMDP(), ContinuousEnvironment)
+KERNELS = TwoLinkArm().continuous_kernels()
 
 
 @pytest.mark.parametrize(
@@ -188,22 +103,10 @@ def test_environments_are_told_apart_by_what_they_offer():
     [
         ({"state_size": 0}, "state_size should be an integer ≥ 1"),
         ({"constants": np.array([[1.0]])}, "constants should have one axis"),
-        ({"step": "reset"}, r"step should be compiled by numba for int64\(.*found \("),
+        ({"step": KERNELS.reset}, r"step should be compiled by numba for int64\(.*found \("),
         ({"reset": print}, "reset should be compiled by numba for void.*found builtin_function_or_method"),
     ],
 )
 def test_kernels_that_do_not_fit_are_refused(change, message):
-    reset, step = reset_and_step()
-    if change.get("step") == "reset":
-        change = {"step": reset}
-    good = {
-        "state_size": 1,
-        "action_size": 1,
-        "reward_channels": 2,
-        "constants": np.array([0.5, 3.0]),
-        "reset": reset,
-        "step": step,
-        "max_steps": 100,
-    }
     with pytest.raises(ValueError, match=message):
-        ContinuousKernels(**{**good, **change})
+        replace(KERNELS, **change)

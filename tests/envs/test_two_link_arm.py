@@ -2,19 +2,11 @@
 
 import functools
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-from envs import (
-    ArmObject,
-    ContinuousEnvironment,
-    FiniteEnvironment,
-    TwoLinkArm,
-    random_state,
-)
+from envs import ArmObject, ContinuousEnvironment, FiniteEnvironment, TwoLinkArm, random_state
 
 FAR = (ArmObject("far", (9.0, 9.0)),)
 WIDE = ((-3.0, 3.0), (-3.0, 3.0))
@@ -65,14 +57,6 @@ def test_the_end_effector_is_where_the_closed_form_says(angles, point):
     np.testing.assert_allclose(arm.forward_kinematics(angles), point, atol=1e-15)
 
 
-def test_the_reach_follows_the_law_of_cosines():
-    arm = TwoLinkArm(link_lengths=(1.3, 0.7))
-    angles = np.random.default_rng(0).uniform(-4, 4, (5, 40, 2))
-    squared = (arm.forward_kinematics(angles) ** 2).sum(axis=-1)
-    np.testing.assert_allclose(squared, 1.3**2 + 0.7**2 + 2 * 1.3 * 0.7 * np.cos(angles[..., 1]), rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(arm.elbow(angles), axis=-1), 1.3, rtol=1e-14)
-
-
 def test_the_mesh_spans_what_the_joints_reach():
     arm = TwoLinkArm()
     low, high = arm.stops
@@ -85,11 +69,6 @@ def test_the_mesh_spans_what_the_joints_reach():
     np.testing.assert_allclose(inner[1, 0], arm.forward_kinematics([math.pi / 2, math.pi / 4]), atol=1e-15)
 
 
-def test_every_object_of_the_paper_can_be_touched_without_leaving_the_box():
-    mesh = TwoLinkArm().reachable_mesh(200, within="box")
-    assert set(np.unique(TwoLinkArm().touched(mesh))) == {0, 1, 2, 3, 4}
-
-
 # Motion
 
 
@@ -97,9 +76,7 @@ def test_a_step_moves_by_velocity_times_time_clipped_at_the_speed_limit():
     arm = TwoLinkArm(objects=FAR)
     for given, taken in [((3.5, -100), (3, -3)), ((-np.inf, np.inf), (-3, 3)), ((3, -2.9), (3, -2.9))]:
         assert move(arm, (1.0, 1.5), given)[0].tolist() == move(arm, (1.0, 1.5), taken)[0].tolist()
-    np.testing.assert_allclose(move(arm, (1.0, 1.5), (99, 0))[0], [1.15, 1.5])
-    np.testing.assert_allclose(move(TwoLinkArm(objects=FAR, max_speed=1.0), (1.0, 1.5), (99, 0))[0], [1.05, 1.5])
-    np.testing.assert_allclose(move(arm, (1.0, 1.5), (0.8, -2.0))[0], [1.04, 1.4], rtol=1e-14)
+    np.testing.assert_allclose(move(arm, (1.0, 1.5), (99, -2.0))[0], [1.15, 1.4])
     state, reward, event = move(arm, (1.0, 1.5), (np.nan, 0))  # spreads instead of becoming a move
     assert np.isnan([state[0], reward[0]]).all()
     assert (reward[1], event) == (-1, 0)
@@ -144,46 +121,14 @@ def test_a_touch_includes_its_edge():
     assert arm.forward_kinematics([0, math.pi / 2]).tolist() == [1, 1]
     assert move(arm, (0, math.pi / 2))[2] == 1
     assert move(at((1.0625, 1.0), touch_radius=np.nextafter(0.0625, 0)), (0, math.pi / 2))[2] == 0
-
-
-def test_channels_are_closeness_joints_and_prize_in_this_order():
-    _, reward, event = move(at((1.0, 1.0)), (0, math.pi / 2))
-    assert reward.tolist() == [1, 0, 5]
-    assert event == 1
-    # One reward width away: exp(−½), no touch, no prize.
-    _, reward, event = move(at((1.3, 1.0)), (0, math.pi / 2))
-    np.testing.assert_allclose(reward, [math.exp(-0.5), 0, 0])
-    assert event == 0
-
-
-def test_the_first_reward_falls_off_from_the_nearest_object():
-    arm = TwoLinkArm()
-    x, y = arm.objects[2].position
-    assert arm.intrinsic_reward([x, y]) == 1
-    np.testing.assert_allclose(arm.intrinsic_reward([x + 0.6, y]), math.exp(-2))
-    points = np.random.default_rng(0).uniform(-2, 2, (7, 8, 2))
-    each = [TwoLinkArm(objects=(thing,)).intrinsic_reward(points) for thing in arm.objects]
-    np.testing.assert_allclose(arm.intrinsic_reward(points), np.max(each, axis=0))
-
-
-@pytest.mark.parametrize(("name", "prize"), [("circle", 0), ("star", -1), ("square", 1), ("triangle", 0)])
-def test_only_star_and_square_are_worth_anything(name, prize):
-    arm = TwoLinkArm()
-    x, y = arm.objects[arm.events.index(name)].position
-    # The elbow's angle from the law of cosines, then the shoulder's.
-    second = math.acos((x**2 + y**2 - 2) / 2)
-    first = math.atan2(y, x) - second / 2
-    _, reward, event = move(arm, (first, second))
-    np.testing.assert_allclose(reward, [1, 0, prize], atol=1e-12)
-    assert arm.continuous_kernels().events[event - 1] == name
+    assert move(at((1.0, 1.0)), (0, math.pi / 2))[1].tolist() == [1, 0, 5]  # closeness, joints, prize
 
 
 def test_of_two_objects_within_reach_the_nearer_is_touched():
     pair = (ArmObject("first", (1.05, 1.0), 2.0), ArmObject("second", (0.96, 1.0), 3.0))
-    arm = TwoLinkArm(box=WIDE, objects=pair)
-    assert (move(arm, (0, math.pi / 2))[2], move(arm, (0, math.pi / 2))[1][2]) == (2, 3)
-    arm = TwoLinkArm(box=WIDE, objects=pair[::-1])
-    assert (move(arm, (0, math.pi / 2))[2], move(arm, (0, math.pi / 2))[1][2]) == (1, 3)
+    for objects, nearer in ((pair, 2), (pair[::-1], 1)):
+        _, reward, event = move(TwoLinkArm(box=WIDE, objects=objects), (0, math.pi / 2))
+        assert (event, reward[2]) == (nearer, 3)
 
 
 def reference(arm, angles, actions):
@@ -201,15 +146,9 @@ def reference(arm, angles, actions):
 
 
 OTHER = TwoLinkArm(
-    link_lengths=(0.8, 1.1),
-    dt=0.1,
-    max_speed=2.0,
-    box=((0.2, 1.9), (0.5, 2.0)),
-    stop_margin=0.1,
-    objects=(*TwoLinkArm().objects, ArmObject("fifth", (0.9, 0.9), -0.5)),
-    touch_radius=0.1,
-    reward_width=0.5,
-)
+    link_lengths=(0.8, 1.1), dt=0.1, max_speed=2.0, box=((0.2, 1.9), (0.5, 2.0)), stop_margin=0.1,
+    objects=(*TwoLinkArm().objects, ArmObject("fifth", (0.9, 0.9), -0.5)), touch_radius=0.1, reward_width=0.5,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("arm", [TwoLinkArm(), OTHER])
@@ -249,19 +188,6 @@ def test_starts_touch_nothing_and_are_uniform_elsewhere():
     assert ((states >= low) & (states <= high)).all()
     expected = counts[cells].mean()
     assert ((counts[cells] - expected) ** 2 / expected).sum() < 150  # χ², below 75 degrees of freedom: p < 1e-6
-
-
-# Compiled path
-
-
-def test_a_second_process_takes_the_kernels_from_the_cache():
-    TwoLinkArm().continuous_kernels()
-    program = (
-        "from envs import TwoLinkArm; kernels = TwoLinkArm().continuous_kernels();"
-        "print([sum(k.stats.cache_misses.values()) for k in (kernels.reset, kernels.step)])"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[0, 0]"
 
 
 def test_the_arm_offers_the_continuous_path():

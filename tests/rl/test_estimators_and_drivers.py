@@ -5,11 +5,11 @@
 import copy
 import itertools
 import pickle
+import pkgutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from importlib import import_module
 from typing import Any
 
 import numba
@@ -386,20 +386,19 @@ def test_estimates_are_fresh_and_a_copy_goes_on_with_the_same_bits(name: str, dr
 
 
 def test_an_estimation_goes_on_in_another_process_whose_kernels_load_from_the_disk_cache(tmp_path: Any) -> None:
-    modules = ("drivers.finite", "drivers.continuous", "estimators.gpomdp", "estimators.konda_actor_critic")
+    modules = [f"rl.{name}.advance" for name in ("drivers.finite", "drivers.continuous")]
+    modules += [f"rl.estimators.{name}.advance.machine_code" for name in ("gpomdp", "konda_actor_critic")]
+    modules += ["envs.arm_kernels.reset", "envs.arm_kernels.step"]
     for name in modules:  # compiled here where they have not been
-        advance = import_module(f"rl.{name}").advance
-        _ = getattr(advance, "machine_code", advance)
+        pkgutil.resolve_name(name)
     estimation, parameters = started("Konda", "arm")
     (tmp_path / "state").write_bytes(pickle.dumps((estimation, parameters)))
     program = f"""
-import pickle, sys
-from importlib import import_module
+import pickle, pkgutil, sys
 estimation, parameters = pickle.load(open(sys.argv[1], "rb"))
 pickle.dump(estimation.episode(parameters), open(sys.argv[1] + ".out", "wb"))
 for name in {modules}:
-    advance = import_module("rl." + name).advance
-    print(sum(getattr(advance, "machine_code", advance).stats.cache_hits.values()))
+    print(sum(pkgutil.resolve_name(name).stats.cache_hits.values()))
 """
     command = [sys.executable, "-c", program, str(tmp_path / "state")]
     answer = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -20,7 +20,6 @@ from rl.experiments.bootstrap import mean_intervals
 from rl.experiments.messages import Outcome
 from rl.experiments.records import train
 from rl.experiments.runner import reproduce
-from rl.experiments.share import train_share
 from rl.experiments.three_state import METHODS, ThreeStateExperiment
 from rl.experiments.three_state.tables import MEASURES, measure
 
@@ -105,14 +104,6 @@ def test_what_a_solver_does_not_certify_is_counted(outcomes):
         assert failed == ({"UNSUPPORTED"} if case.solver == "rosen-drop" else set())  # restorations have b > 0
 
 
-def test_the_result_does_not_depend_on_what_else_is_compared(outcomes):
-    case, exact, outcome = outcomes[1]
-    heard = []
-    alone = train_share((CHAIN, case, (0, 1, 2)), heard.append)
-    assert np.array_equal(heard[-2].values["exact"], exact)
-    assert np.array_equal(alone.parameters, outcome.parameters)
-
-
 def test_measures_are_what_their_definition_says_by_hand(monkeypatch):
     """Three runs whose ρ³ lies so far below its threshold, by moment; ρ¹ = 0.5."""
     monkeypatch.setitem(vars(CHAIN), "optimum", SimpleNamespace(multipliers=np.array([0.0, 3.0, 1.0])))
@@ -129,15 +120,6 @@ def test_measures_are_what_their_definition_says_by_hand(monkeypatch):
     np.testing.assert_allclose(values["common_return"], 0.5)
     np.testing.assert_allclose(values["common_constrained_return"], [0.5, -0.25, 0.47])
     np.testing.assert_allclose(values["final_constrained_return"], 0.45)
-
-
-def test_no_policy_has_a_constrained_return_above_the_optimum():
-    mdp, rng = ThreeStateMDP(), np.random.default_rng(0)
-    optimum = mdp.constrained_optimum([0.0, 0.0, 0.0])
-    averages = mdp.average_rewards(rng.dirichlet(np.full(3, 0.3), size=(400, 3)))
-    returns = averages[:, 0] - np.maximum(-averages[:, 1:], 0.0) @ optimum.multipliers
-    assert returns.max() <= optimum.values[0] + 1e-9
-    assert averages[:, 0].max() > optimum.values[0]  # by violation
 
 
 def test_three_states_files_hold_every_run_and_the_table_the_intervals(finished, outcomes):

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from envs import random_state
 from rl import NormalizedGaussianNetwork
@@ -51,56 +49,6 @@ def test_features_sum_to_one_however_far_from_the_grid(state: list[float]) -> No
     features = network().features(state)
     np.testing.assert_allclose(features.sum(), 1)
     assert (features >= 0).all()
-
-
-def log_density(policy: NormalizedGaussianNetwork, state: np.ndarray, action: np.ndarray) -> float:
-    """log Π N(u_c; mean, σ²), written out."""
-    square = ((action - policy.mean(state)) ** 2).sum()
-    return float(-square / (2 * policy.deviation**2) - 2 * np.log(policy.deviation * np.sqrt(2 * np.pi)))
-
-
-@settings(max_examples=30)
-@given(
-    st.tuples(st.floats(-1.5, 1.5), st.floats(1, 10)),
-    st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
-    st.sampled_from([0.5, 1.0, 2.0]),
-)
-def test_the_score_is_the_gradient_of_the_log_density(state: object, action: object, deviation: float) -> None:
-    """Central differences are exact for a quadratic, up to rounding; the density has the squared norm (slip 5)."""
-    theta = np.random.default_rng(6).normal(size=12)
-    policy = NormalizedGaussianNetwork(LOW, HIGH, (3, 2), 2, deviation=deviation, parameters=theta)
-    x, u, expected = np.array(state), np.array(action), np.empty(12)
-    for j, direction in enumerate(np.eye(12)):
-        above, below = (policy.with_parameters(policy.parameters + h * direction) for h in (0.5, -0.5))
-        expected[j] = log_density(above, x, u) - log_density(below, x, u)
-    np.testing.assert_allclose(policy.score(x, u), expected, atol=1e-11)
-
-
-def test_the_density_falls_with_the_squared_distance() -> None:
-    policy, x = network(deviation=2.0), np.array([0.3, 4.0])
-    u = policy.mean(x)
-    ratio = policy.score(x, u + 4.0) / policy.score(x, u + 1.0)
-    np.testing.assert_allclose(ratio, 4)  # a plain norm would have a score of constant length
-
-
-def test_actions_have_the_mean_and_deviation_of_the_policy() -> None:
-    policy, x, rng = network(deviation=0.7), np.array([0.3, 4.0]), np.random.default_rng(2)
-    actions = np.array([policy.sample(x, rng) for _ in range(4_000)])
-    noise = (actions - policy.mean(x)) / 0.7
-    assert np.abs(noise.mean(axis=0)).max() < 6 / np.sqrt(4_000)
-    assert np.abs(np.cov(noise.T) - np.eye(2)).max() < 6 * np.sqrt(2 / 4_000)
-
-
-def test_another_theta_leaves_the_policy_as_it_was() -> None:
-    policy = network()
-    other = policy.with_parameters(np.ones(80))
-    assert other.counts == (5, 8)
-    assert other.deviation == policy.deviation
-    np.testing.assert_allclose(other.mean([0.0, 5.0]), [1, 1])
-    assert not np.allclose(policy.parameters, 1)
-    with pytest.raises(ValueError, match="read-only"):
-        policy.parameters[0] = 3.0
-    assert not NormalizedGaussianNetwork(LOW, HIGH, (5, 8), 2).parameters.any()
 
 
 @pytest.mark.parametrize(
