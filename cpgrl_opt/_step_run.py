@@ -12,7 +12,7 @@ from .drop_rule import choose_leaving, has_positive_multipliers, tangents, vanis
 from .formulation import FORMULATIONS, ActiveConstraints
 from .problem import DirectionProblem, ProblemBatch
 from .recovery import recover
-from .scaling import lengths, unit_rows
+from .scaling import lengths, resolve_overflow, unit_rows
 from .solvers import ActiveSet, DirectionSolver, Rosen, solve_batch, tolerance_of
 from .solvers.infeasibility import infeasible_direction
 from .step_result import COUNTS, StepResult
@@ -50,6 +50,7 @@ class StepRun:
         with np.errstate(over="ignore", invalid="ignore"):  # in the order of `direct_step.predict`
             terms = np.concatenate([slack[:, :, None], gradients[:, 1:] * change[:, None]], axis=2)
             predicted = np.add.accumulate(terms, axis=2)[:, :, -1].copy()
+        predicted = resolve_overflow(predicted, slack, gradients[:, 1:], change)
         active = multipliers > 0.0 if self.formulation.takes_all else active
         residuals = np.max([each.residuals for each in moves], axis=0)  # type: ignore[arg-type]
         return StepResult(change, active, still, self.counts, multipliers, residuals, predicted)

@@ -119,6 +119,12 @@ def excess_violation(problem: DirectionProblem, d: Vector) -> float:
     return norm((d + pull) * min(1.0, radius / unit / (norm(d + pull) or 1.0)) - d)
 
 
+def is_in_ball(problem: DirectionProblem, d: Vector) -> bool:
+    """Whether √(dᵀMd) is at most the radius, but for rounding."""
+    _, x, radius = _flatten(problem, problem.row_of(d))
+    return radius is None or norm(x) <= radius * (1.0 + _LEAST)
+
+
 def violation_tolerance(tolerance: float, m: int) -> float:
     """(1 + m) ε, the largest `excess_violation` of an INFEASIBLE answer, ε the solver's tolerance: ε for each row."""
     return (1 + m) * tolerance

@@ -42,6 +42,7 @@ from ._violation import (
     FARKAS_TOLERANCE,
     excess_violation,
     farkas_residual,
+    is_in_ball,
     is_missed,
     is_out_of_reach,
     largest,
@@ -137,7 +138,7 @@ def _is_impossible(problem: DirectionProblem, answer: Direction, tolerance: floa
     """As it is, or where metric and ball have no say in it: a contradiction is one of J and b alone."""
     bare = problem if problem.metric is None else without_geometry(problem)
     is_least = excess_violation(problem, answer.value) <= violation_tolerance(tolerance, problem.m)
-    if not is_least and problem.radius is None and bare is not problem:
+    if not is_least and bare is not problem and is_in_ball(problem, answer.value):
         is_least = excess_violation(bare, answer.value) <= violation_tolerance(tolerance, problem.m)
     return is_least and any(
         farkas_residual(each, answer.multipliers) <= proof_tolerance(tolerance)

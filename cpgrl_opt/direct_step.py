@@ -81,13 +81,15 @@ def vanishes(tangent, gradient):
 
 @inlined
 def predict(gradients, slack, change, predicted):
-    """Predicted (B, m) ← slack + J · change."""
-    runs, m = slack.shape
+    """Predicted (B, m) ← slack + J · change; whether all of it is finite."""
+    (runs, m), finite = slack.shape, True
     for b in range(runs):
         for i in range(m):
             predicted[b, i] = slack[b, i]
             for j in range(change.shape[1]):
                 predicted[b, i] += gradients[b, 1 + i, j] * change[b, j]
+            finite = finite and abs(predicted[b, i]) < inf
+    return finite
 
 
 @entry_point(
@@ -122,8 +124,8 @@ def move_parameters(gradients, slack, active, settings, flat, change, multiplier
                 return False
             rate = settings[4 + part]  # α₁, αₑ
             finite = take(run, part, rate, value, small, parts, change, multipliers, residuals) and finite
-    if finite:
-        predict(gradients, slack, change, predicted)
-        if takes_all:
-            active[:] = multipliers > 0.0
-    return finite
+    if not (finite and predict(gradients, slack, change, predicted)):
+        return False
+    if takes_all:
+        active[:] = multipliers > 0.0
+    return True

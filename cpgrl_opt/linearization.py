@@ -108,16 +108,22 @@ class Linearization:
     @property
     def objective_gradient(self) -> Float[np.ndarray, "*runs n"]:
         """Δ¹."""
-        return self.gradients[..., 0, :]
+        return self._rows()[..., 0, :]
 
     @property
     def jacobian(self) -> Float[np.ndarray, "*runs m n"]:
         """Constraint gradients Δ², Δ³, … as rows: Nᵀ of the paper."""
-        return self.gradients[..., 1:, :]
+        return self._rows()[..., 1:, :]
+
+    def _rows(self) -> Float[np.ndarray, "*runs channels n"]:
+        """ValueError where the gradients are an object that shows no numbers."""
+        if self.is_tree and not self.vectors[0].has_rows:
+            raise ValueError(f"gradients should be an array, or trees of arrays; found {self.gradients!r}")
+        return self.gradients
 
     def whiten(self, whitening: Whitening) -> "Linearization":
         """The same in the coordinates where M = LLᵀ is I, the gradients JL⁻ᵀ; ValueError where one overflows."""
-        gradients = convert_runs(whitening.rows, self.gradients, 2)
+        gradients = convert_runs(whitening.rows, self._rows(), 2)
         if not is_finite(gradients):
             raise ValueError("gradients should be finite where the metric is the identity; found one that overflows")
         return Linearization(self.values, gradients)

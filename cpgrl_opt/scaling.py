@@ -65,6 +65,17 @@ def lengths(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch
         return np.asarray(np.where(safe, np.sqrt(squares), largest * relative))
 
 
+def resolve_overflow(sums: np.ndarray, start: np.ndarray, rows: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """startᵢ + Jᵢ · v, (…, m), in smaller units where a sum came out NaN or infinite: terms beyond 1e308 may cancel."""
+    lost = ~np.isfinite(sums)
+    if not lost.any():
+        return sums
+    e, f = np.frexp(np.abs(rows).max(axis=-1))[1], np.frexp(np.abs(vector).max(axis=-1, keepdims=True))[1]
+    with np.errstate(over="ignore", under="ignore"):
+        products = np.vecdot(np.ldexp(rows, -e[..., None]), np.ldexp(vector, -f)[..., None, :])
+        return np.where(lost, np.ldexp(np.ldexp(start, -e - f) + products, e + f), sums)
+
+
 def demand(values: Float[np.ndarray, "*k m"], equality: Mask) -> Float[np.ndarray, "*k m"]:
     """vᵢ on I, |vᵢ| on E: what bounds ask for, and what is lacking of them, where it is positive."""
     return np.where(equality, np.abs(values), values)

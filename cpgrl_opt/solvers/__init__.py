@@ -6,6 +6,8 @@ A new solver is a frozen dataclass of settings with a core, `solve_small(small) 
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, require_problem
@@ -39,6 +41,15 @@ SOLVERS: Mapping[str, DirectionSolver] = MappingProxyType(
 # They, not their subclasses, certify what they claim themselves; anybody else's claims are put before the referee where
 # they are used, on arrays that it never got hold of (see `interface`).
 TRUSTED.update({type(solver) for solver in SOLVERS.values()}, {WithGeometry})
+
+
+if not TYPE_CHECKING:  # which would believe in any attribute
+
+    def __getattr__(name: str) -> Any:
+        if name != "refereed":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        warn("cpgrl_opt.solvers.refereed is now cpgrl_opt.solvers.referee", DeprecationWarning, stacklevel=2)
+        return referee
 
 
 def solver_named(name: str) -> DirectionSolver:

@@ -58,11 +58,16 @@ def _solve_whole(solver: Solver, problem: DirectionProblem) -> Direction:
         quick = solve_in_geometry(solver, flat.problem)
     elif problem.metric is not None and tangent is not None:
         quick = climb(flat.problem, solver.tolerance, tangent=tangent)
-    found = _try(solver, problem, flat, quick or solve_in_ball(solver.solve_small, flat))
+    # What the compiled pass leaves open may be hard because a metric hides that J and b are infeasible: the search
+    # would go all its way, ten times as long, and see nothing. A pass of one's own has left nothing open yet.
+    is_hard = problem.metric is not None and tangent is not None and quick is None
+    empty = infeasible_direction(problem) if is_hard else None
+    found = _try(solver, problem, flat, quick or solve_in_ball(solver.solve_small, flat, empty))
     if found.status not in (Status.UNCERTIFIED, Status.NUMERICAL_ERROR) or tangent is not None:
         return found
     # What a core says of hard problems is no more than a guess: once more with what stands around it.
-    again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat)
+    empty = None if problem.metric is None else infeasible_direction(problem)
+    again = solve_in_ball(lambda small: as_small(solver.solve_rows(as_problem(small))), flat, empty)
     return _try(solver, problem, flat, again)
 
 

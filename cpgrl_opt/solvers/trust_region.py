@@ -65,13 +65,17 @@ class BallAnswer:
     iterations: int = 0
 
 
-def solve_in_ball(core: Core, flat: Flat) -> Direction:
+def solve_in_ball(core: Core, flat: Flat, contradiction: Direction | None = None) -> Direction:
     """The best that the search finds, OPTIMAL or INFEASIBLE as far as it knows: for the referee to judge.
 
+    contradiction: by what J and b alone, in lengths of their own, are infeasible; those of a metric may hide it.
     Where the radius is huge beside all bounds they would be rounding in its unit. So it is a smaller ball at first,
     whose answer is that of the other where it ends inside.
     """
     ball = _Ball.of(flat, float(flat.problem.radius or 0.0))
+    known = None if contradiction is None else ball.inside(contradiction)
+    if known is not None and (missed := _find_miss(core, ball.small, known)) is not None:
+        return ball.outside(missed)
     named = float(np.abs(ball.small.bound).max(initial=0.0))
     if 0.0 < named < 1.0 / (_HUGE * _WIDE):
         near = _Ball.of(flat, ball.radius * named * _WIDE)
@@ -137,6 +141,14 @@ class _Ball:
         center = problem.gradient / (strength or 1.0)
         small = SmallProblem(center, rows.jacobian[kept], bound[kept], problem.equality[kept])
         return cls(flat, *reduce_problem(small), kept, strength, radius)
+
+    def inside(self, proven: Direction) -> BallAnswer | None:
+        """An INFEASIBLE answer in these coordinates; None where its proof names a row that is met all over the ball."""
+        y = self.flat.unit.times_length(self.flat.proof(proven.multipliers))
+        if y[~self.kept].any() or not np.isfinite(y).all():
+            return None
+        point = self.basis.T @ self.flat.inside(proven.value) / self.radius
+        return BallAnswer(point, y[self.kept], 0.0, 0.0, Status.INFEASIBLE)
 
     def outside(self, found: BallAnswer) -> Direction:
         """In the problem's units."""
@@ -245,9 +257,10 @@ def _shortest(small: SmallProblem) -> BallAnswer:
     return BallAnswer(found.value, np.zeros(len(small.bound)), 0.0, error, status, found.iterations)
 
 
-def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
+def _find_miss(core: Core, small: SmallProblem, known: BallAnswer | None = None) -> BallAnswer | None:
     """INFEASIBLE where C is empty or the ball misses it: the least violation, and of those the best climb.
 
+    known: what proves C empty and violates least in other lengths, though it may not in these.
     None where the ball and C are nearer than VIOLATION_TOLERANCE.
     """
     flat = as_problem(replace(small, center=0.0 * small.center))
@@ -256,14 +269,17 @@ def _find_miss(core: Core, small: SmallProblem) -> BallAnswer | None:
         within = _climb(core, _relax(small, empty.value), _MOST_STEPS) if small.center.any() else None
         point = empty.value if within is None or not within.error <= VIOLATION_TOLERANCE else within.point
         return BallAnswer(point, empty.multipliers, 0.0, error=0.0, status=Status.INFEASIBLE)
-    if empty is None and norm(project(flat, _EXACT).value) <= 1.0:
+    if empty is None and known is not None and norm(known.point) <= 1.0:
+        return known
+    if empty is None and known is None and norm(project(flat, _EXACT).value) <= 1.0:
         return None
     size = max(1.0, float(demand(small.bound, small.equality).max(initial=0.0)))
     point, violation = least_violation_in_ball(small.rows, small.bound, small.equality)
     length = norm(violation)
-    if empty is None and length <= VIOLATION_TOLERANCE * size:
+    proven = empty or known
+    if proven is None and length <= VIOLATION_TOLERANCE * size:
         return None
-    proof = violation / length if empty is None else empty.multipliers
+    proof = violation / length if proven is None else proven.multipliers
     return BallAnswer(point, proof, 0.0, status=Status.INFEASIBLE)
 
 

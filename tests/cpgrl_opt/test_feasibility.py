@@ -29,6 +29,16 @@ SEVEN = [
 ]
 # Rows 1e-3 rad from opposing, and one that asks for 1 across them. A violation of 1e-3 is 1e-10 of lengths in M.
 WEDGE, ACROSS, STRETCH = [[1.0, 0.0], [-1.0, -1e-3], [0.0, 1.0]], [0.0, 0.0, 1.0], np.array([1.0, 1e14])
+# Five rows of rank 4, whose violation is 1e-10 of lengths in a metric of condition 5e5: once UNCERTIFIED in a ball.
+HIDDEN = (
+    [-4, 0, -5, -2, -2],
+    [[-1, -1, 1, 0, 0], [2, 2, -1, 1, 1], [3, 2, -1.5, -0.5, 0.5], [-1, 2, 0, -2, -2], [-2, 0, -1, 1, -1]],
+    [-2.25, -18.5, 16.25, 12, -17],
+)
+HIDING = [
+    *([44, 0.75, 192, 0, -160], [0.75, 0.0703125, 10, -0.03515625, 2], [192, 10, 2560, -2, 512]),
+    *([0, -0.03515625, -2, 0.0390625, -2], [-160, 2, 512, -2, 2816]),
+]
 STRETCHES = {"diagonal": STRETCH, "full": np.diag(STRETCH), "function": STRETCH.__mul__}
 
 
@@ -60,6 +70,8 @@ def contradictions() -> Iterator[tuple[str, DirectionProblem]]:
         for radius in (None, 1e6, 1e12, 1e20):
             problem = DirectionProblem([0.3, 0.2], WEDGE, ACROSS, metric=metric, radius=radius)
             yield f"wedge, {form}, radius {radius}", problem
+    for radius in (None, 1e3, 1e6, 1e12):
+        yield f"hidden, radius {radius}", DirectionProblem(*HIDDEN, True, metric=HIDING, radius=radius)
     for size in (1.0, 1e-12, 1e8):
         rows = [[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]
         yield f"unit {size:g}", DirectionProblem([1.0, 1.0], rows, 1.0, metric=size * np.array([1e-6, 1.0]))

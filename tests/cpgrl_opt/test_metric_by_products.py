@@ -122,6 +122,8 @@ def turned(vector: np.ndarray) -> np.ndarray:
     [
         (turned, "metric should be symmetric; found uᵀMv"),
         (lambda v: -v, "metric should be positive definite; found vᵀMv"),
+        (lambda: 1.0, "metric should be a function of one vector; found"),
+        (lambda v, w: v + w, "metric should be a function of one vector; found"),
         (lambda v: v[:1], r"metric should return 2 finite numbers; found shape \(1,\)"),
         (lambda v: v * np.nan, "metric should return 2 finite numbers; found nan"),
         (LinearOperator((3, 3), matvec=lambda v: v, dtype=float), r"metric should have shape \(2, 2\); found \(3, 3\)"),

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cpgrl_opt import solvers
 from cpgrl_opt.comparison.export import MissingExportError
 from cpgrl_opt.direction import DirectionBatch, Status
 from cpgrl_opt.problem import DirectionProblem, ProblemBatch
@@ -143,6 +144,13 @@ def test_a_solver_is_a_frozen_dataclass_with_a_table_line(name: str) -> None:
     assert solver == type(solver)(**{f.name: getattr(solver, f.name) for f in dataclasses.fields(solver)})
     assert isinstance(hash(solver), int)
     assert pickle.loads(pickle.dumps(solver)) == solver  # other processes get it this way
+
+
+def test_the_old_name_of_the_referee_is_deprecated() -> None:
+    with pytest.warns(DeprecationWarning, match="refereed is now cpgrl_opt.solvers.referee"):
+        assert solvers.refereed is solvers.referee
+    with pytest.raises(AttributeError, match="no attribute 'umpire'"):
+        _ = solvers.umpire
 
 
 def forget_in_qpsolvers(name: str, monkeypatch: pytest.MonkeyPatch) -> None:

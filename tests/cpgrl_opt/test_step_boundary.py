@@ -212,6 +212,19 @@ def test_what_overflows_is_refused_by_its_name(message, make):
         make()
 
 
+@pytest.mark.parametrize("metric", [None, [1.0, 1.0]])
+@pytest.mark.parametrize("formulation", ACTIVE_ONLY)
+@pytest.mark.parametrize(("size", "n"), [(1e120, 2), (1e204, 2), (1e204, 200_000)])
+def test_a_slack_that_leaves_float64_is_infinite_with_its_sign_and_no_nan(size, n, formulation, metric):
+    """Nothing is violated: 0.02 Δ¹, and J · change = ±(1 − ½) 0.02 size², of terms that overflow with either sign."""
+    gradients = np.zeros((3, n))
+    gradients[:, :2] = size * np.array([[1.0, 1.0], [-0.5, 1.0], [0.5, -1.0]])
+    step = ConstrainedStep(formulation=formulation, metric=metric if n == 2 else None)
+    result = step(Linearization([0.0, 1.0, 1.0], gradients), np.zeros(2))
+    at = 0.01 * size * size
+    np.testing.assert_allclose(result.predicted_slack, [at, -at], rtol=1e-12)
+
+
 def test_a_step_that_was_pickled_before_it_had_a_slack_fraction_still_steps():
     """Its state is what pickle hands back: no slack_fraction, a geometry that it no longer has, and fewer arguments."""
     step = ConstrainedStep(formulation="cone", step_size=0.1)

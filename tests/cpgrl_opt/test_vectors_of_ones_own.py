@@ -245,6 +245,9 @@ def test_what_does_not_fit_is_refused() -> None:
         Linearization(np.zeros(3), Kept(V))
     with pytest.raises(ValueError, match="jacobian"):
         DirectionProblem(V[0])
+    for ask in (lambda each: each.jacobian, lambda each: each.objective_gradient):
+        with pytest.raises(ValueError, match="gradients should be an array, or trees of arrays; found"):
+            ask(Linearization(np.zeros(4), Kept(V)))
     with pytest.raises(ValueError, match=r"problems should have one shape; found \[\(\)\]"):
         solve_batch("active-set", [DirectionProblem(Kept(V))])
 
