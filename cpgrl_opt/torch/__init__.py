@@ -5,12 +5,14 @@
 Objectives are losses, which are minimised, and constraints are costs, which should stay below their thresholds, unless
 kind="reward" says otherwise: the signs of those who write such loops. Everywhere else in this package they are turned.
 
-backward               `constrained_backward`, in the place of loss.backward()
-channels               objective and constraints → gradients; parameters: which of them move
-step_info              what happened, by the names of the constraints
+backward                `constrained_backward`, in the place of loss.backward()
+constrained_optimizer   any optimiser's step, projected in its own metric, which is in proposal_metric
+channels                objective and constraints → gradients; parameters: which of them move
+step_info               what happened, by the names of the constraints
 """
 
 from .backward import constrained_backward as constrained_backward
+from .constrained_optimizer import ConstrainedOptimizer as ConstrainedOptimizer
 from .step_info import StepInfo as StepInfo
 
-__all__ = ["StepInfo", "constrained_backward"]
+__all__ = ["ConstrainedOptimizer", "StepInfo", "constrained_backward"]

@@ -1,0 +1,215 @@
+"""Any optimiser of PyTorch under constraints: it proposes, and what it proposes is projected in its own metric.
+
+    Δ = what the optimiser would do;   Δ′ = argmin ½‖Δ′ − Δ‖²_H   s.t.   J Δ′ ≥ what the formulation demands
+
+So nothing behind the projection can undo it, momentum and weight decay included. H is in `proposal_metric`. Where
+M = H the problem is that of `ConstrainedStep` with step_size = 1, whose formulations, rules and fallbacks hold.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..step import ConstrainedStep
+from ..step_result import skipped_result
+from .channels import Channels, linearize
+from .parameters import read_parameters
+from .proposal_metric import metric_of
+from .step_info import StepInfo, describe
+
+Metric = Callable[[Any], Any]
+
+
+class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
+    """An optimiser whose changes keep slack + J·Δθ as large as the step's formulation demands, to first order.
+
+        optimizer = ConstrainedOptimizer(torch.optim.Adam(net.parameters()), step)
+        optimizer.zero_grad()
+        optimizer.constrain([cost_1, cost_2], thresholds=[0.1, 0.35])
+        loss.backward()
+        optimizer.step()                                               # and optimizer.info says what happened
+
+    Parameters
+    ----------
+    optimizer : of `torch.optim`. Groups, state, schedulers and hooks are its own.
+    step : how constraints are met. Its step_size is not asked for: the optimiser says how far.
+    metric : a function of a parameter that returns H there, positive, a number or a tensor of its shape, asked after
+        the optimiser's step; by default the optimiser's own.
+
+    Where nothing is certified the parameters stay, and where nothing meets the constraints they are violated least;
+    `info.status` says so. The optimiser's moments are those of the objective's gradient alone.
+    """
+
+    def __init__(self, optimizer: Any, step: ConstrainedStep, *, metric: Metric | None = None) -> None:
+        if not isinstance(optimizer, torch.optim.Optimizer) or isinstance(optimizer, ConstrainedOptimizer):
+            raise ValueError(f"optimizer should be one of torch.optim; found {optimizer!r}")
+        if not isinstance(step, ConstrainedStep):
+            raise ValueError(f"step should be a ConstrainedStep; found {step!r}")
+        if step.radius is not None:
+            raise ValueError(f"step should have no radius, since the optimiser says how far; found {step.radius!r}")
+        if step.metric is not None:
+            raise ValueError("step should have no metric, since the optimiser has its own; found one")
+        if metric is not None and not callable(metric):
+            raise ValueError(f"metric should be a function of a parameter; found {metric!r}")
+        self.optimizer, self.metric = optimizer, metric
+        self.info: StepInfo | None = None
+        self._step, self._asked, self._keeps_first = replace(step, step_size=1.0), None, False
+        self._previous: np.ndarray | None = None
+
+    def constrain(
+        self,
+        constraints: Any,
+        *,
+        values: Any = None,
+        thresholds: Any,
+        kind: str = "cost",
+        retain_graph: bool = True,
+        batched: bool = False,
+    ) -> None:
+        """Says what the next `step` has to keep: gradients are taken here, at the parameters as they are.
+
+        Arguments as of `constrained_backward`. retain_graph: True, so that loss.backward() may follow. Where a closure
+        calls this more than once in a step, the first time counts.
+        """
+        channels = Channels.read(None, constraints, values, thresholds, kind)
+        moving = read_parameters(self.param_groups)
+        settings = {"retain_graph": retain_graph, "batched": batched}
+        found, rows, places = channels.differentiate(moving, **settings)
+        linearize(found, [rows[0] if rows else [moving[0]], *rows], channels)  # whether all is finite
+        if not (self._keeps_first and self._asked is not None):
+            gradients = [{id(moving[k]): part for k, part in zip(places, row, strict=True)} for row in rows]
+            self._asked = channels, found, gradients
+
+    def step(self, closure: Callable[[], Any] | None = None) -> Any:
+        """The optimiser's step, projected; returns what the optimiser returns.
+
+        ValueError where `constrain` was not called before, or by the closure, and where a gradient or the proposal is
+        not finite; DirectionError if `step.on_failure` says so. Then the parameters are what they were.
+        """
+        self._keeps_first = closure is not None
+        if closure is None:
+            self._require_asked()
+            self._require_finite([each.grad for each in self._parameters()], "gradients of the objective")
+        else:
+            self._asked = None
+        before = {id(each): each.detach().clone() for each in self._parameters()}
+        try:
+            loss = self.optimizer.step(closure)
+            self._require_asked()
+            with torch.no_grad():
+                self._project(before)
+        except BaseException:
+            with torch.no_grad():
+                for each in self._parameters():
+                    each.copy_(before[id(each)])
+            raise
+        finally:
+            self._asked, self._keeps_first = None, False
+        return loss
+
+    def _project(self, before: dict[int, Any]) -> None:
+        channels, values, rows = self._asked  # type: ignore[misc]
+        moving = [(each, group) for group in self.param_groups for each in group["params"] if id(each) in before]
+        self._require_finite([each for each, _ in moving], "the optimiser's proposal")
+        moving = [pair for pair in moving if float(pair[1].get("lr", 1.0)) > 0.0]
+        limits = channels.slack_thresholds()
+        slack = values[1:] - limits
+        if not moving:
+            none = np.zeros(len(slack), np.bool_)
+            self.info = describe(skipped_result(None, slack, none), slack, channels.names)
+            return
+        roots = [self._root(*pair) for pair in moving]
+        proposal = [(_wide(each) - before[id(each)]) * root for (each, _), root in zip(moving, roots, strict=True)]
+        zeros = [
+            torch.zeros_like(part) if any(id(each) not in row for row in rows) else None
+            for (each, _), part in zip(moving, proposal, strict=True)
+        ]
+        whitened = [
+            [
+                _wide(row[id(each)]) / root if id(each) in row else zero
+                for (each, _), root, zero in zip(moving, roots, zeros, strict=True)
+            ]
+            for row in rows
+        ]
+        previous = self._previous if self._previous is not None and len(self._previous) == len(slack) else None
+        result = self._step(linearize(values, [proposal, *whitened], channels), limits, previous)
+        if result.active.any() or result.counts["skipped"] or result.counts["infeasible"]:
+            for (each, _), part, root in zip(moving, result.change, roots, strict=True):
+                each.copy_(before[id(each)] + part / root)
+        self.info = describe(result, slack, channels.names)
+        self._previous = self.info.previous
+
+    def _root(self, parameter: Any, group: Any) -> Any:
+        """√H."""
+        H = metric_of(self.optimizer, group, parameter) if self.metric is None else self.metric(parameter)
+        is_number = not isinstance(H, torch.Tensor)
+        if not (H > 0.0 if is_number else bool((H > 0.0).all())):
+            raise ValueError(f"metric should be positive; found {H if is_number else H.min().item()}")
+        if not is_number and H.shape != parameter.shape:
+            raise ValueError(f"metric should have shape {tuple(parameter.shape)}; found {tuple(H.shape)}")
+        return H**0.5
+
+    def _parameters(self) -> list[Any]:
+        return [each for group in self.param_groups for each in group["params"] if each.requires_grad]
+
+    def _require_asked(self) -> None:
+        if self._asked is None:
+            raise ValueError("constrain should be called before each step; found that it was not")
+
+    def _require_finite(self, tensors: list[Any], name: str) -> None:
+        for each in tensors:
+            if each is not None and not bool(torch.isfinite(each).all()):
+                raise ValueError(f"{name} should be finite; found NaN or infinity")
+
+    @property
+    def param_groups(self) -> Any:
+        """The optimiser's."""
+        return self.optimizer.param_groups
+
+    @property
+    def state(self) -> Any:
+        """The optimiser's."""
+        return self.optimizer.state
+
+    def zero_grad(self, set_to_none: bool = True) -> None:
+        """As the optimiser does."""
+        self.optimizer.zero_grad(set_to_none)
+
+    def add_param_group(self, param_group: dict[str, Any]) -> None:
+        """As the optimiser does."""
+        self.optimizer.add_param_group(param_group)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The optimiser's, and the last active set, for rules with memory."""
+        active = None if self._previous is None else self._previous.tolist()
+        return {**self.optimizer.state_dict(), "active": active}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """The optimiser's own will do."""
+        state = dict(state_dict)
+        active = state.pop("active", None)
+        self.optimizer.load_state_dict(state)
+        self._previous = None if active is None else np.array(active, np.bool_)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "optimizer":  # not there yet, while a copy is made
+            raise AttributeError(name)
+        return getattr(self.optimizer, name)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_asked": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.optimizer!r}, {self._step!r})"
+
+
+def _wide(tensor: Any) -> Any:
+    """Of float32 at least, without a graph."""
+    tensor = tensor.detach()
+    return tensor.float() if tensor.dtype.itemsize < torch.float32.itemsize else tensor
