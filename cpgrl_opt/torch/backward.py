@@ -13,8 +13,10 @@ from ..step import ConstrainedStep
 from .channels import Channels, linearize
 from .parameters import read_parameters
 from .step_info import StepInfo, describe
+from .tracing import run_uncompiled
 
 
+@run_uncompiled
 def constrained_backward(
     objective: Any,
     constraints: Any,

@@ -8,7 +8,7 @@ M = H the problem is that of `ConstrainedStep` with step_size = 1, whose formula
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,8 +19,17 @@ from .channels import Channels, linearize
 from .parameters import read_parameters
 from .proposal_metric import metric_of
 from .step_info import StepInfo, describe
+from .tracing import run_uncompiled
 
 Metric = Callable[[Any], Any]
+
+
+class _Asked(NamedTuple):
+    """Constraints, their values in this package's signs, and their gradients, each by the ids of parameters."""
+
+    channels: Channels
+    values: np.ndarray
+    gradients: list[dict[int, Any]]
 
 
 class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
@@ -56,9 +65,12 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
             raise ValueError(f"metric should be a function of a parameter; found {metric!r}")
         self.optimizer, self.metric = optimizer, metric
         self.info: StepInfo | None = None
-        self._step, self._asked, self._keeps_first = replace(step, step_size=1.0), None, False
+        self._step = replace(step, step_size=1.0)
+        self._asked: _Asked | None = None
+        self._keeps_first = False
         self._previous: np.ndarray | None = None
 
+    @run_uncompiled
     def constrain(
         self,
         constraints: Any,
@@ -81,8 +93,9 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         linearize(found, [rows[0] if rows else [moving[0]], *rows], channels)  # whether all is finite
         if not (self._keeps_first and self._asked is not None):
             gradients = [{id(moving[k]): part for k, part in zip(places, row, strict=True)} for row in rows]
-            self._asked = channels, found, gradients
+            self._asked = _Asked(channels, found, gradients)
 
+    @run_uncompiled
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
         """The optimiser's step, projected; returns what the optimiser returns.
 
@@ -98,9 +111,8 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         before = {id(each): each.detach().clone() for each in self._parameters()}
         try:
             loss = self.optimizer.step(closure)
-            self._require_asked()
             with torch.no_grad():
-                self._project(before)
+                self._project(before, self._require_asked())
         except BaseException:
             with torch.no_grad():
                 for each in self._parameters():
@@ -110,8 +122,8 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
             self._asked, self._keeps_first = None, False
         return loss
 
-    def _project(self, before: dict[int, Any]) -> None:
-        channels, values, rows = self._asked  # type: ignore[misc]
+    def _project(self, before: dict[int, Any], asked: _Asked) -> None:
+        channels, values, rows = asked
         moving = [(each, group) for group in self.param_groups for each in group["params"] if id(each) in before]
         self._require_finite([each for each, _ in moving], "the optimiser's proposal")
         moving = [pair for pair in moving if float(pair[1].get("lr", 1.0)) > 0.0]
@@ -155,9 +167,10 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
     def _parameters(self) -> list[Any]:
         return [each for group in self.param_groups for each in group["params"] if each.requires_grad]
 
-    def _require_asked(self) -> None:
+    def _require_asked(self) -> _Asked:
         if self._asked is None:
             raise ValueError("constrain should be called before each step; found that it was not")
+        return self._asked
 
     def _require_finite(self, tensors: list[Any], name: str) -> None:
         for each in tensors:
@@ -200,10 +213,10 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         return getattr(self.optimizer, name)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_asked": None}
+        return {**self.__dict__, "_asked": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
+        self.__dict__.update(state)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.optimizer!r}, {self._step!r})"

@@ -1,5 +1,6 @@
 """`constrained_backward`: what it writes is the change of a step on the same gradients, whatever the loop is like."""
 
+import warnings
 from copy import deepcopy
 from typing import Any
 
@@ -168,3 +169,18 @@ def test_bad_input_is_an_error_and_nothing_is_written(net: Any, batch: Any, what
         constrained_backward(**{**usual, "step": STEP, **changed})
     assert all(each.grad is None for each in net.parameters())
     assert all(torch.equal(each, before[name]) for name, each in net.state_dict().items())
+
+
+def test_compiled_code_may_surround_it(net: Any, batch: Any) -> None:
+    def train(batch: Any) -> Any:
+        loss, *costs = net(batch).mean(dim=0).unbind()
+        constrained_backward(loss, costs, thresholds=THRESHOLDS, parameters=net.parameters(), step=STEP)
+        return 2.0 * loss
+
+    plain = train(batch).item()
+    expected = flat_grad(net).copy()
+    net.zero_grad()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what the compiler says of itself
+        assert torch.compile(train, backend="aot_eager")(batch).item() == pytest.approx(plain)
+    np.testing.assert_allclose(flat_grad(net), expected, atol=1e-14)
