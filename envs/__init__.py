@@ -27,26 +27,11 @@ from .three_state import ThreeStateEnv, ThreeStateMDP
 from .two_link_arm import TwoLinkArm
 
 __all__ = [
-    "RESET_SIGNATURE",
-    "STEP_SIGNATURE",
-    "ArmObject",
-    "ConstrainedOptimum",
-    "ContinuousEnvironment",
-    "ContinuousKernels",
-    "FiniteEnvironment",
-    "FiniteKernel",
-    "GridWorld",
-    "TabularEnv",
-    "TabularMDP",
-    "ThreeStateEnv",
-    "ThreeStateMDP",
-    "TwoLinkArm",
-    "TwoLinkArmEnv",
-    "VectorReward",
-    "function_type",
-    "random_mdp",
-    "random_state",
-]
+    "RESET_SIGNATURE", "STEP_SIGNATURE", "ArmObject", "ConstrainedOptimum", "ContinuousEnvironment",
+    "ContinuousKernels", "FiniteEnvironment", "FiniteKernel", "GridWorld", "TabularEnv", "TabularMDP",
+    "ThreeStateEnv", "ThreeStateMDP", "TwoLinkArm", "TwoLinkArmEnv", "VectorReward", "function_type",
+    "random_mdp", "random_state",
+]  # fmt: skip
 
 # The passive checker warns at every vector reward, so it stays off, as in MO-Gymnasium.
 if "cpgrl/ThreeState-v0" not in registry:

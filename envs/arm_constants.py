@@ -3,20 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
+from .validation import number_between
 
 Pair = tuple[float, float]
 
 NONE = "none"  # what is touched when nothing is
 LEAST, MOST = 1e-9, 1e9  # of lengths and times: their squares and quotients neither vanish nor overflow
-
-
-def number_between(name: str, value: float, least: float, most: float) -> float:
-    """`value` as a float in [least, most]."""
-    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not is_number or not least <= value <= most:
-        raise ValueError(f"{name} should be a number in [{least:g}, {most:g}]; found {value!r}")
-    return float(value)
 
 
 def pair_between(name: str, values: Iterable[float], least: float, most: float) -> Pair:

@@ -8,6 +8,8 @@ from .arrays import Float64, UInt8
 from .canvas import HEIGHT, INCHES, INK, blank_figure, picture_of
 from .tabular import TabularMDP
 
+Place = Float64[np.ndarray, "2"]
+
 _FAINT, _LIT, _TAKEN = "#d5dbe0", "#f2b134", "#c8452f"
 _HALF_WIDTH, _HALF_HEIGHT = 1.75, 1.6  # what is shown, in units where the states stand on the unit circle
 _POINTS = 72 * HEIGHT * INCHES / (2 * _HALF_HEIGHT)  # of 1/72 inch in such a unit
@@ -50,34 +52,16 @@ def _moves(mdp: TabularMDP, state: int, last: tuple[int, int] | None) -> list[tu
     return moves
 
 
-def _draw_move(
-    axes: Axes,
-    source: Float64[np.ndarray, "2"],
-    target: Float64[np.ndarray, "2"],
-    radius: float,
-    width: float,
-    colour: str,
-) -> None:
+def _draw_move(axes: Axes, source: Place, target: Place, radius: float, width: float, colour: str) -> None:
+    start, end, bend, gap = source, target, 0.18, radius * _POINTS  # from the centre of a node to its rim
     if np.array_equal(source, target):
         # A loop outside the circle: leaves and enters the node left and right of its outward direction.
-        side = np.array([-source[1], source[0]]) * 0.6 * radius
-        start, end, bend = source * (1 + 0.8 * radius) + side, source * (1 + 0.8 * radius) - side, -1.6
-        gap = 0.0
-    else:
-        start, end, bend = source, target, 0.18
-        gap = radius * _POINTS  # from the centre of a node to its rim
+        side, out = np.array([-source[1], source[0]]) * 0.6 * radius, source * (1 + 0.8 * radius)
+        start, end, bend, gap = out + side, out - side, -1.6, 0.0
     arrow = FancyArrowPatch(
-        tuple(start),
-        tuple(end),
-        connectionstyle=f"arc3,rad={bend}",
-        arrowstyle="-|>",
-        mutation_scale=8 + 2 * width,
-        shrinkA=gap,
-        shrinkB=gap,
-        linewidth=width,
-        color=colour,
-        zorder=1 if colour == _FAINT else 2,
-    )
+        tuple(start), tuple(end), connectionstyle=f"arc3,rad={bend}", arrowstyle="-|>", mutation_scale=8 + 2 * width,
+        shrinkA=gap, shrinkB=gap, linewidth=width, color=colour, zorder=1 if colour == _FAINT else 2,
+    )  # fmt: skip
     axes.add_patch(arrow)
 
 

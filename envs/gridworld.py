@@ -7,7 +7,7 @@ import numpy as np
 
 from .arrays import Float64, Rewards, Transitions
 from .tabular import TabularMDP
-from .validation import number_in_unit_interval
+from .validation import number_between
 
 # From S to G 4 moves through a, 6 through b, 8 through neither.
 LAYOUT = (
@@ -43,7 +43,7 @@ class GridWorld(TabularMDP):
 
     def __init__(self, layout: Sequence[str] = LAYOUT, slip: float = 0.1) -> None:
         object.__setattr__(self, "layout", _check(layout))
-        object.__setattr__(self, "slip", number_in_unit_interval("slip", slip))
+        object.__setattr__(self, "slip", number_between("slip", slip, 0.0, 1.0))
         cells = self.cells
         marks = [self.layout[row][column] for row, column in cells]
         start, goal = marks.index(_START), marks.index(_GOAL)

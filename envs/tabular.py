@@ -23,7 +23,7 @@ from .markov_chain import stationary_distribution
 from .validation import (
     finite_array,
     index_below,
-    number_in_unit_interval,
+    number_between,
     positive_integer,
     real_array,
     require_probabilities,
@@ -133,7 +133,7 @@ class TabularMDP:
         The term 1dᵀ changes nothing, as d(r_π − ρ) = 0, and keeps the matrix regular up to β = 1, where both
         conventions are the exact gradient. trace_decay: in [0, 1]. Raises as `stationary_distribution`.
         """
-        decay = number_in_unit_interval("trace_decay", trace_decay)
+        decay = number_between("trace_decay", trace_decay, 0.0, 1.0)
         if convention not in ("paper", "usual"):
             raise ValueError(f"convention should be 'paper' or 'usual'; found {convention!r}")
         table = self._policy(policy)

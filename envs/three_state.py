@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from .arrays import Float64
 from .tabular import TabularMDP
 from .tabular_env import TabularEnv
-from .validation import number_in_unit_interval
+from .validation import number_between
 
 # rⁱ(s_j, a_k) of §3.1: rows are states, columns actions. r² + r³ + r⁴ = 0 everywhere (docs/reproduction.md, slip
 # 6).
@@ -34,7 +34,7 @@ class ThreeStateMDP(TabularMDP):
     slip: float
 
     def __init__(self, slip: float = 0.2, rewards: ArrayLike = REWARDS, start: int = 0) -> None:
-        object.__setattr__(self, "slip", number_in_unit_interval("slip", slip))
+        object.__setattr__(self, "slip", number_between("slip", slip, 0.0, 1.0))
         super().__init__(_transitions(self.slip), rewards, start)
 
 

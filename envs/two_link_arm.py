@@ -15,12 +15,11 @@ from .arm_constants import (
     Pair,
     angle_box,
     distinct_objects,
-    number_between,
     pair_between,
 )
 from .arrays import Float64, Int64
 from .interface import ContinuousKernels, restated
-from .validation import finite_array, positive_integer
+from .validation import finite_array, number_between, positive_integer
 
 Angles = Float64[np.ndarray, "*points 2"]
 Points = Float64[np.ndarray, "*points 2"]

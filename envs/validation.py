@@ -5,8 +5,7 @@ import operator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Rows that were normalised in float64 miss 1 by a few ulp; ones that were rounded to print miss it by far
-# more.
+# Rows that were normalised in float64 miss 1 by a few ulp, 1e-15; ones that were rounded to print by 1e-7 or more.
 SUM_TOLERANCE = 1e-9
 _LARGEST_COUNT = 10**9  # arrays of more entries along an axis fit no memory
 
@@ -69,9 +68,9 @@ def positive_integer(name: str, value: int) -> int:
     return number
 
 
-def number_in_unit_interval(name: str, value: float) -> float:
-    """`value` as a float in [0, 1]."""
-    is_number = isinstance(value, (int, float, np.integer, np.floating))
-    if not is_number or not 0 <= value <= 1:
-        raise ValueError(f"{name} should be a number in [0, 1]; found {value!r}")
+def number_between(name: str, value: float, least: float, most: float) -> float:
+    """`value` as a float in [least, most]."""
+    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not is_number or not least <= value <= most:
+        raise ValueError(f"{name} should be a number in [{least:g}, {most:g}]; found {value!r}")
     return float(value)

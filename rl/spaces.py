@@ -70,41 +70,33 @@ def require_fitting(environment: Any, policy: Policy) -> None:
     if not any(behaves_as(policy, kind) for kind in _OURS):
         return
     if isinstance(policy, SoftmaxTable):
-        _require_kind("observation", Discrete, states, policy)
-        _require_size("states", policy.states, _count(states), states)
+        _require_space(policy, "observation", states, Discrete, "states", policy.states)
     if isinstance(policy, (SoftmaxTable, LinearSoftmax)):
-        _require_kind("action", Discrete, actions, policy)
-        _require_size("actions", policy.actions, _count(actions), actions)
+        _require_space(policy, "action", actions, Discrete, "actions", policy.actions)
     if isinstance(policy, NormalizedGaussianNetwork):
-        _require_kind("observation", Box, states, policy)
-        _require_size("components of an observation", len(policy.counts), _shape(states), states)
+        _require_space(policy, "observation", states, Box, "components of an observation", len(policy.counts))
     if isinstance(policy, (LinearGaussian, NormalizedGaussianNetwork)):
-        _require_kind("action", Box, actions, policy)
-        _require_size("components of an action", policy.dimensions, _shape(actions), actions)
+        _require_space(policy, "action", actions, Box, "components of an action", policy.dimensions)
 
 
-def _require_kind(name: str, kind: type, space: Any, policy: Policy) -> None:
-    if space is not None and not isinstance(space, kind):
+def _require_space(policy: Policy, name: str, space: Any, kind: type, what: str, found: int) -> None:
+    if space is None:
+        return
+    if not isinstance(space, kind):
         raise ValueError(
             f"policy should have {name}s from {space}; found {type(policy).__name__}, which has them from a "
             f"{kind.__name__}"
         )
+    wanted = _count(space) if hasattr(space, "n") else _shape(space)
+    if found != wanted:
+        raise ValueError(f"policy should have {wanted} {what}, as the environment's {space}; found {found}")
 
 
-def _require_size(name: str, found: int, wanted: int | str | None, space: Any) -> None:
-    if wanted is not None and found != wanted:
-        raise ValueError(f"policy should have {wanted} {name}, as the environment's {space}; found {found}")
-
-
-def _count(space: Any) -> int | str | None:
+def _count(space: Any) -> int | str:
     """How many elements 0, 1, … a Discrete space has."""
-    if space is None:
-        return None
     return int(space.n) if space.start == 0 else f"{space.n} (from {space.start}, where a policy counts from 0)"
 
 
-def _shape(space: Any) -> int | str | None:
+def _shape(space: Any) -> int | str:
     """How many components a Box has, if it is a box of vectors; else its shape, which no number equals."""
-    if space is None:
-        return None
     return int(space.shape[0]) if len(space.shape) == 1 else str(space.shape)

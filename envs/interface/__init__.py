@@ -42,18 +42,7 @@ from .kernels import (
 from .overrides import declaring_class, overridden, restated
 
 __all__ = [
-    "RESET_SIGNATURE",
-    "STEP_SIGNATURE",
-    "ContinuousEnvironment",
-    "ContinuousKernels",
-    "FiniteEnvironment",
-    "FiniteKernel",
-    "VectorReward",
-    "continuous_kernels_of",
-    "declaring_class",
-    "finite_kernel_of",
-    "function_type",
-    "overridden",
-    "random_state",
-    "restated",
-]
+    "RESET_SIGNATURE", "STEP_SIGNATURE", "ContinuousEnvironment", "ContinuousKernels", "FiniteEnvironment",
+    "FiniteKernel", "VectorReward", "continuous_kernels_of", "declaring_class", "finite_kernel_of",
+    "function_type", "overridden", "random_state", "restated",
+]  # fmt: skip

@@ -11,19 +11,9 @@ from .interface import Batch, Course, Driver, Rule, RuleStep, Score, account, cl
 from .python import PythonDriver
 
 __all__ = [
-    "Batch",
-    "Course",
-    "Driver",
-    "PythonDriver",
-    "Rule",
-    "RuleStep",
-    "Score",
-    "account",
-    "close_run",
-    "compiled_step",
-    "driver_for",
-    "open_run",
-]
+    "Batch", "Course", "Driver", "PythonDriver", "Rule", "RuleStep", "Score", "account", "close_run",
+    "compiled_step", "driver_for", "open_run",
+]  # fmt: skip
 
 
 def driver_for(environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence], steps: int) -> Driver:

@@ -7,13 +7,6 @@ from .konda_actor_critic import KondaActorCritic
 from .sampling import Sampling, SamplingEstimator
 
 __all__ = [
-    "GPOMDP",
-    "Estimate",
-    "Estimation",
-    "ExactGradient",
-    "FiniteMDP",
-    "GradientEstimator",
-    "KondaActorCritic",
-    "Sampling",
-    "SamplingEstimator",
-]
+    "GPOMDP", "Estimate", "Estimation", "ExactGradient", "FiniteMDP", "GradientEstimator", "KondaActorCritic",
+    "Sampling", "SamplingEstimator",
+]  # fmt: skip

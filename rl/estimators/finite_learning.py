@@ -20,29 +20,14 @@ _advance, _move = advance.machine_code, move_parameters.machine_code
     "float64[:, :, ::1])"
 )
 def learn(  # type: ignore[no-untyped-def]
-    transitions,
-    rewards,
-    start,
-    steps,
-    first,
-    from_start,
-    divisors,
-    trace_decay,
-    following,
-    average_rate,
-    random_states,
-    averages,
+    transitions, rewards, start, steps, first, from_start, divisors, trace_decay, following, average_rate,
+    random_states, averages,  # as `advance` has them
     thresholds,  # (m,)
-    settings,  # as `move_parameters` has them
-    max_change,
+    settings, max_change,  # as `move_parameters` and `LearningEstimation` have them
     parameters,  # (1 + K, B, n), the first given, the others filled
-    values,  # (K, B, 1 + m), filled, as are the others
-    gradients,  # (K, B, 1 + m, n)
-    reward_sums,  # (K, B, 1 + m)
-    active,  # (K, B, m)
-    flat,  # (K, B)
-    change,  # (K, B, n)
-):
+    values, gradients, reward_sums,  # (K, B, 1 + m), (K, B, 1 + m, n), (K, B, 1 + m), filled, as are the others
+    active, flat, change,  # (K, B, m), (K, B), (K, B, n)
+):  # fmt: skip
     """K episodes, each with the usual update of θ: 𝒜 = {i: ρⁱ ≤ Gⁱ}, then `move_parameters`.
 
     Returns how many updates were made: where it is less than K, one more episode is there, whose update is not the

@@ -1,7 +1,7 @@
 """Average rewards that outlive an episode (§2.4)."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -10,25 +10,6 @@ from cpgrl_opt.validation import require_within
 
 AVERAGES = ("step", "episode")
 _SETTLED = 1 - 1e-14  # a sum of weights that counts as 1: at α = 0.02 it stalls 3e-15 below
-
-
-class AverageSettings(Protocol):
-    """What an estimator says about its averages."""
-
-    @property
-    def average(self) -> str | Sequence[str]:
-        """A kind for all channels, or one for each."""
-        ...
-
-    @property
-    def average_rate(self) -> float:
-        """α_r."""
-        ...
-
-    @property
-    def bias_correction(self) -> bool:
-        """Whether an average that starts at 0 is divided by the sum of its weights."""
-        ...
 
 
 class MeanWeight:
@@ -67,14 +48,25 @@ class StoredAverage:
     kind decides which average it shows to the learner, and so the unit of its threshold. Eq. 4 is kept for every
     channel all the same, since critics subtract it.
 
-    average: a kind for all channels, or one for each. per_step: (B, 1 + m), eq. 4 as printed, and totals: (B,), its W
-    (1 without correction), which the estimator advances in place, both at the same steps; per_episode: (B, 1 + m), as
-    reported. Raises ValueError for other kinds, or not as many as channels.
+    Parameters
+    ----------
+    settings
+        An estimator's `average`, a kind for all channels or one for each, `average_rate` and `bias_correction`.
+    runs, channels
+        B and 1 + m.
+
+    per_step: (B, 1 + m), eq. 4 as printed, and totals: (B,), its W (1 without correction), which the estimator
+    advances in place, both at the same steps; per_episode: (B, 1 + m), as reported.
+
+    Raises
+    ------
+    ValueError
+        For other kinds, or not as many as channels.
     """
 
     carried = ("per_step", "totals", "per_episode", "weight", "settled")
 
-    def __init__(self, settings: AverageSettings, runs: int, channels: int) -> None:
+    def __init__(self, settings: Any, runs: int, channels: int) -> None:
         average = settings.average
         kinds_of_average(average)
         kinds = (average,) * channels if isinstance(average, str) else tuple(average)
@@ -124,7 +116,7 @@ def kinds_of_average(average: str | Sequence[str]) -> str | tuple[str, ...]:
     return average if isinstance(average, str) else kinds
 
 
-def require_average_settings(settings: AverageSettings) -> None:
+def require_average_settings(settings: Any) -> None:
     """ValueError for a rate, a kind or a correction that is none."""
     rate = settings.average_rate
     require_within("average_rate", rate, "[0, 1]")

@@ -11,10 +11,6 @@ from .episodes import EpisodicEnv, EpisodicMDP, check_episodic_estimator
 from .estimators import check_gradient_estimator
 
 __all__ = [
-    "ContractBroken",
-    "EpisodicEnv",
-    "EpisodicMDP",
-    "check_constrained_env",
-    "check_episodic_estimator",
+    "ContractBroken", "EpisodicEnv", "EpisodicMDP", "check_constrained_env", "check_episodic_estimator",
     "check_gradient_estimator",
-]
+]  # fmt: skip

@@ -32,11 +32,14 @@ def averages_figure(
     figure = blank_figure(PAGE_WIDTH, 4.75)
     panels = figure.subplots(2, 2, sharex=True)
     figure.subplots_adjust(left=0.07, right=0.975, top=0.89, bottom=0.175, wspace=0.17, hspace=0.22)
+    boxes = {1: (0.3, 0.33, 0.66, 0.4), 2: (0.3, 0.34, 0.66, 0.4)}
     for channel, axes in enumerate(panels.flat):
         _panel(axes, curves, channel, optimum, thresholds)
         panel_letter(axes, "abcd"[channel], rf"$\rho^{channel + 1}$")
-    for axes, box in ((panels[0, 1], (0.3, 0.33, 0.66, 0.4)), (panels[1, 0], (0.3, 0.34, 0.66, 0.4))):
-        _inset(axes, box, curves, list(panels.flat).index(axes), optimum, thresholds)
+        if channel in boxes:
+            inset = axes.inset_axes(boxes[channel], zorder=8)
+            _panel(inset, curves, channel, optimum, thresholds)
+            _magnify(inset, thresholds[channel - 1])
     for axes in panels[1]:
         axes.set_xlabel("episode")
     handles, labels = panels[0, 1].get_legend_handles_labels()
@@ -110,17 +113,7 @@ def _panel(
     axes.set_xlim(0, learned.episodes[-1])
 
 
-def _inset(
-    axes: "Axes",
-    box: tuple[float, float, float, float],
-    curves: Mapping[str, LearningCurves],
-    channel: int,
-    optimum: Float[np.ndarray, "channels"],
-    thresholds: Float[np.ndarray, "m"],
-) -> None:
-    inset = axes.inset_axes(box, zorder=8)
-    _panel(inset, curves, channel, optimum, thresholds)
-    threshold = thresholds[channel - 1]
+def _magnify(inset: "Axes", threshold: float) -> None:
     inset.set(ylim=(threshold - 0.1, threshold + 0.1), xticklabels=[])
     inset.tick_params(labelsize=7, length=1.5)
     inset.spines[["top", "right"]].set_visible(True)
