@@ -12,29 +12,26 @@ PyTorch is not installed its lines are missing, and said to be.
 Limitations: one machine; the allocator's habits count, and code that is loaded before does not.
 """
 
-import argparse
 import importlib.util
 import itertools
-import json
-import os
-import platform
-import subprocess
+import multiprocessing
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from long_problems import ANGLE, direction, numbers
-from tables import write
+from long_problems import ANGLE, direction
+from tables import machine, publish, read_arguments, table, verdict
 
-SLACK, LEAVES, BLOCK = 0.05, 100, 100_000
+SLACK, LEAVES, BLOCK, RUNGS = 0.05, 100, 100_000, ("gramian", "pairs")
 ARRAYS, TENSORS = ("float64", "float32", "tree"), ("tensor float32", "tensor bfloat16", "tensor tree")
 
 
 @dataclass(frozen=True)
-class Memory:
+class Row:
     """Most memory that construction and solve of one new process add, and its share of g and J."""
 
     kind: str
@@ -44,6 +41,11 @@ class Memory:
     megabytes: float
     share: float
     bar: float
+
+    @property
+    def verdict(self) -> str:
+        """Of the bar."""
+        return verdict(self.share, self.bar)
 
 
 def forget_peak() -> None:
@@ -90,7 +92,7 @@ def empty(kind: str, rows: int, count: int) -> Any:
     return torch.empty((rows, count), dtype=torch.bfloat16 if kind == "tensor bfloat16" else torch.float32)
 
 
-def solved(leaves: list[Any], kind: str, m: int, *, opposing: bool) -> Any:
+def solve(leaves: list[Any], kind: str, m: int, *, opposing: bool) -> Any:
     """Rows apart in a tree, else two arrays."""
     bound = 0.0 if opposing else 0.1 * np.random.default_rng(m).standard_normal(m) * len(leaves[0][0]) ** 0.5
     if not kind.endswith("tree"):
@@ -99,63 +101,35 @@ def solved(leaves: list[Any], kind: str, m: int, *, opposing: bool) -> Any:
     return direction(g, rows, bound)[1]
 
 
-def memory_here(kind: str, n: int, m: int, rung: str) -> Memory:
+def measure_here(kind: str, n: int, m: int, rung: str) -> Row:
     """Of this process, which should be new: a shorter problem loads all code before."""
     short, opposing = max(8 * (1 + m), 1_100_000 // ((1 + m) * max(10, 1 + m))), rung == "pairs"
-    solved(leaves_of(kind, short, m, opposing=opposing), kind, m, opposing=opposing)
+    solve(leaves_of(kind, short, m, opposing=opposing), kind, m, opposing=opposing)
     leaves = leaves_of(kind, n, m, opposing=opposing)
     forget_peak()
     before = peak()
-    found = solved(leaves, kind, m, opposing=opposing)
+    found = solve(leaves, kind, m, opposing=opposing)
     added, held = peak() - before, sum(leaf.nbytes for leaf in leaves)
-    return Memory(kind, n, m, found.rung, 1e-6 * added, added / held, 1 / (1 + m) + SLACK)
-
-
-def memory(kind: str, n: int, m: int, rung: str) -> Memory:
-    """Of a new process."""
-    command = [sys.executable, str(Path(__file__).resolve()), "--memory-of", f"{kind},{n},{m},{rung}"]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    said = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
-    return Memory(**json.loads(said))
-
-
-def page(rows: list[Memory]) -> str:
-    """The table with what it was measured on."""
-    lines = "\n".join(
-        f"| {row.kind} | {row.n:.0e} | {row.m} | {row.rung} | {row.megabytes:.0f} | {row.share:.3f} | "
-        f"≤ {row.bar:.3f} | {'kept' if row.share <= row.bar else 'missed'} |"
-        for row in rows
-    )
-    return (
-        "# Memory of a direction at the size of a network\n\n"
-        f"| kind | n | m | rung | MB | share of g and J | bar | |\n|---|--:|--:|---|--:|--:|--:|---|\n{lines}\n\n"
-        f"{platform.machine()} {platform.system()}, Python {platform.python_version()}, NumPy {np.__version__}. "
-        f"Command: `OMP_NUM_THREADS=1 python benchmarks/long_memory.py --parameters {rows[0].n} "
-        "--out benchmarks/results`; more at its head.\n"
-    )
+    return Row(kind, n, m, found.rung, 1e-6 * added, added / held, 1 / (1 + m) + SLACK)
 
 
 def main() -> None:
-    """Measure, print, and write when asked to."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--parameters", type=int, default=10_000_000, help="n")
-    parser.add_argument("--constraints", type=numbers, default=[1, 5, 31], help="m, by commas")
-    parser.add_argument("--kinds", default=",".join((*ARRAYS, *TENSORS)), help="by commas")
-    parser.add_argument("--memory-of", help=argparse.SUPPRESS)  # kind,n,m,rung in this process
-    parser.add_argument("--out", type=Path, help="folder for long_memory.csv and .md")
-    arguments = parser.parse_args()
-    if arguments.memory_of:
-        kind, n, m, rung = arguments.memory_of.split(",")
-        print(json.dumps(asdict(memory_here(kind, int(n), int(m), rung))))
-        return
-    kinds = arguments.kinds.split(",")
+    """Measures, each in a new process, prints and writes."""
+    kinds = [*ARRAYS, *TENSORS]
+    arguments = read_arguments(__doc__, parameters=10_000_000, constraints=[1, 5, 31], kinds=kinds)
+    kinds = arguments.kinds
     if importlib.util.find_spec("torch") is None and any(kind in TENSORS for kind in kinds):
         print("SKIP torch: not installed, its lines are missing")
         kinds = [kind for kind in kinds if kind not in TENSORS]
-    work = itertools.product(kinds, ("gramian", "pairs"), arguments.constraints)
-    rows = [memory(kind, arguments.parameters, m, rung) for kind, rung, m in work]
-    print(said := page(rows))
-    write("long_memory", said, rows, arguments.out)
+    lines = itertools.product(kinds, RUNGS, arguments.constraints)
+    work = [(kind, arguments.parameters, m, rung) for kind, rung, m in lines]
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as new_process:
+        rows = list(new_process.map(measure_here, *zip(*work, strict=True)))
+    heads = "| kind | n | m | rung | MB | share of g and J | bar | |"
+    bars = "{0.share:.3f} | ≤ {0.bar:.3f} | {0.verdict}"
+    line = f"| {{0.kind}} | {{0.n:.0e}} | {{0.m:d}} | {{0.rung}} | {{0.megabytes:.0f}} | {bars} |"
+    title = "Memory of a direction at the size of a network"
+    publish(arguments, title, [table(heads, line, rows), f"{machine()}."], rows)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
 """Long problems that benchmarks share: what is drawn, solved, judged and timed in turns with something else."""
 
 import math
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from turns import time_in_turns
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
 
@@ -43,7 +42,7 @@ class Data:
         return self.gradients[1:]
 
 
-def drawn(n: int, m: int) -> Data:
+def draw(n: int, m: int) -> Data:
     """Standard normal rows; bounds of a tenth of their length, which half of them exceed."""
     rng = np.random.default_rng([n, m])
     A = np.empty((1 + m, n))
@@ -59,37 +58,23 @@ def oppose(A: np.ndarray) -> None:
         block[-1] = ANGLE * block[-1] - block[-2]
 
 
-def direction(g: np.ndarray, J: np.ndarray | list[np.ndarray], bound: np.ndarray | float) -> tuple[Any, Any]:
+def direction(g: Any, J: Any, bound: np.ndarray | float) -> tuple[Any, Any]:
     """Construction, solve and certificate."""
     problem = DirectionProblem(g, J, bound)
     return problem, SOLVER.solve(problem)
 
 
-def judged(problem: DirectionProblem, found: Any) -> Answer:
+def judge(problem: DirectionProblem, found: Any) -> Answer:
     """By the residuals measured anew."""
     return Answer(found.rung, kkt_residuals(problem, found).worst, found.status != Status.OPTIMAL)
 
 
-def in_turns(floor: Callable[[], Any], run: Callable[[], Any], repeats: int) -> tuple[float, float, Any]:
-    """Median CPU seconds of each, and what the second returned last; one more turn goes before, uncounted."""
-    times: list[tuple[float, float]] = []
-    result = None
-    for _ in range(1 + repeats):
-        result = None  # two directions at once are no part of the work
-        start = time.process_time()
-        floor()
-        middle = time.process_time()
-        result = run()
-        times.append((middle - start, time.process_time() - middle))
-    beside, ours = (statistics.median(turn[k] for turn in times[1:]) for k in (0, 1))
-    return beside, ours, result
+def time_beside(other: Callable[[], Any], run: Callable[[], Any], repeats: int) -> tuple[float, float, Any, Any]:
+    """Median CPU seconds of each, and what each returned last."""
+    seconds, results = time_in_turns({"other": other, "run": run}, repeats)
+    return *(float(np.median(times)) for times in seconds.values()), *results.values()  # type: ignore[return-value]
 
 
 def repeats_of(n: int, m: int, scale: float) -> int:
     """Fewer of what takes long: 25 down to 3, times the scale."""
     return max(1, round(scale * max(3, min(25, 300_000_000 // (n * (1 + m))))))
-
-
-def numbers(text: str) -> list[int]:
-    """Of a list separated by commas."""
-    return [int(float(each)) for each in text.split(",") if each]

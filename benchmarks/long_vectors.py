@@ -17,30 +17,28 @@ Accuracy beside time: the worst KKT residual; of a step how far J Δθ is from �
     untouched     share of a direction's time at n = 10⁶ that is left where the passes over the vectors give again
                   what they gave before, without a look at them; in turns with whole directions, which leave the
                   processor's caches as one direction of a training leaves them to the next
+
     OMP_NUM_THREADS=1 python benchmarks/long_vectors.py [--parameters 100000,1000000,10000000]
         [--constraints 1,5,31,50] [--out benchmarks/results]
 
 Limitations: one machine, whatever else it does at the time; CPU seconds, medians. Gradients are standard normal
 numbers, so rows are nearly orthogonal; half of the bounds of a direction hold with equality. What has more numbers than
---most is left out.
+--most is left out (1e8: 0.8 GB, held two or three times); --scale: times the usual number of repeats.
 """
 
-import argparse
 import math
 import os
-import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from long_problems import Answer, Data, direction, drawn, in_turns, judged, numbers, oppose, repeats_of
-from tables import write
+from long_problems import Answer, Data, direction, draw, judge, oppose, repeats_of, time_beside
+from tables import machine, publish, read_arguments, table, verdict
 
 from cpgrl_opt import ConstrainedStep, Linearization, kkt_residuals
 from cpgrl_opt.vectors import _numpy as array_vectors
@@ -69,7 +67,7 @@ class Row:
     repeats: int
 
 
-def judged_step(data: Data, step: ConstrainedStep, result: Any) -> Answer:
+def judge_step(data: Data, step: ConstrainedStep, result: Any) -> Answer:
     """Δθ should restore: J Δθ = −αₑ slack, or exceed it in `restoring`."""
     lack = -float(step.restoration_rate) * data.values[1:] - data.J @ result.change
     lack = np.abs(lack) if step.formulation == "equality" else np.maximum(lack, 0.0)
@@ -79,44 +77,45 @@ def judged_step(data: Data, step: ConstrainedStep, result: Any) -> Answer:
 
 def works(data: Data) -> Iterator[tuple[str, Callable[[], Any], Callable[[Any], Answer]]]:
     """(name, what is timed, how its result is judged), one after the other, so that copies of J do not add up."""
-    m, thresholds = len(data.J), np.zeros(len(data.J))
+    thresholds = np.zeros(len(data.J))
 
-    def judge(pair: tuple[Any, Any]) -> Answer:
-        return judged(*pair)
+    def judge_pair(pair: tuple[Any, Any]) -> Answer:
+        return judge(*pair)
 
-    yield DIRECTION, partial(direction, data.g, data.J, data.bound), judge
+    yield DIRECTION, partial(direction, data.g, data.J, data.bound), judge_pair
     problem, found = direction(data.g, data.J, data.bound)
     yield RESIDUALS, lambda: kkt_residuals(problem, found), lambda residuals: Answer("", residuals.worst, False)
     for formulation in STEPS:
         step = ConstrainedStep(formulation=formulation)
-        yield (
-            formulation,
-            lambda step=step: step(Linearization(data.values, data.gradients), thresholds),  # type: ignore[misc]
-            lambda result, step=step: judged_step(data, step, result),  # type: ignore[misc]
-        )
-    yield FORMS[0], partial(direction, data.g, np.asfortranarray(data.J), data.bound), judge
-    yield FORMS[1], partial(direction, data.g, [row.copy() for row in data.J], data.bound), judge
+        yield formulation, partial(move, step, data, thresholds), partial(judge_step, data, step)
+    yield FORMS[0], partial(direction, data.g, np.asfortranarray(data.J), data.bound), judge_pair
+    yield FORMS[1], partial(direction, data.g, [row.copy() for row in data.J], data.bound), judge_pair
     oppose(data.gradients)
-    yield OPPOSING, partial(direction, data.g, data.J, np.zeros(m)), judge
+    yield OPPOSING, partial(direction, data.g, data.J, thresholds), judge_pair
+
+
+def move(step: ConstrainedStep, data: Data, thresholds: np.ndarray) -> Any:
+    """The step's change and what is told of it."""
+    return step(Linearization(data.values, data.gradients), thresholds)
 
 
 def measure(n: int, m: int, scale: float) -> list[Row]:
     """Every work at one size, each in turns with the floor."""
-    data, rng = drawn(n, m), np.random.default_rng(0)
+    data, rng = draw(n, m), np.random.default_rng(0)
     w, d, repeats = rng.standard_normal(1 + m), rng.standard_normal(n), repeats_of(n, m, scale)
 
     def floor() -> None:
         _ = data.gradients @ data.gradients.T, w @ data.gradients, data.J @ d
 
     rows = []
-    for work, run, judge in works(data):
-        beside, ours, result = in_turns(floor, run, repeats)
-        answer, times = judge(result), (1e3 * ours, 1e3 * beside)
+    for work, run, judge_result in works(data):
+        beside, ours, _, result = time_beside(floor, run, repeats)
+        answer, times = judge_result(result), (1e3 * ours, 1e3 * beside)
         rows.append(Row(work, n, m, *times, ours / beside, answer.rung, answer.error, answer.failed, repeats))
     return rows
 
 
-def recalled(compiled: Any) -> Any:
+def recall(compiled: Any) -> Any:
     """The compiled pass of float64, which gives again what it gave first and leaves d as it finds it."""
     known: list[np.ndarray] = []
 
@@ -131,9 +130,9 @@ def recalled(compiled: Any) -> Any:
 
 def untouched_share(n: int, m: int, scale: float) -> float:
     """Of a direction's time."""
-    data, passes = drawn(n, m), array_vectors._blocks()
+    data, passes = draw(n, m), array_vectors._blocks()
     names = ("gramian", "gramian_in_pairs", "combine")
-    known = {name: {FLOAT64: recalled(getattr(passes, name)[FLOAT64])} for name in names}
+    known = {name: {FLOAT64: recall(getattr(passes, name)[FLOAT64])} for name in names}
     again, used = SimpleNamespace(locate=passes.locate, **known), [passes]
 
     def run_with(module: Any) -> Any:
@@ -141,7 +140,8 @@ def untouched_share(n: int, m: int, scale: float) -> float:
         return direction(data.g, data.J, data.bound)
 
     with patch.object(array_vectors, "_blocks", lambda: used[0]):  # once: to patch takes a fifth of what is measured
-        whole, rest, _ = in_turns(partial(run_with, passes), partial(run_with, again), repeats_of(n, m, scale))
+        runs = partial(run_with, passes), partial(run_with, again)
+        whole, rest, *_ = time_beside(*runs, repeats_of(n, m, scale))
     return rest / whole
 
 
@@ -150,84 +150,57 @@ def slope(first: tuple[float, float], last: tuple[float, float]) -> float:
     return math.log(last[1] / first[1]) / math.log(last[0] / first[0]) if last[0] > first[0] else math.nan
 
 
-def verdicts(rows: Sequence[Row], shares: dict[int, float]) -> list[tuple[str, str, float, bool]]:
+def verdicts(rows: Sequence[Row], shares: dict[int, float]) -> Iterator[tuple[str, str, float, str]]:
     """(what, bar, measured, whether it is kept)."""
-    found = []
     for row in rows:
         if row.n == REFERENCE and row.m == 5 and row.work in BARS:
             bar = BARS[row.work]
-            found.append((f"{row.work}, n = {row.n:.0e}, m = 5", f"≤ {bar:g}", row.ratio, row.ratio <= bar))
+            yield f"{row.work}, n = {row.n:.0e}, m = 5", f"≤ {bar:g}", row.ratio, verdict(row.ratio, bar)
     plain = [row for row in rows if row.work == DIRECTION]
     for m in sorted({row.m for row in plain}):
         points = sorted((float(row.n), row.milliseconds) for row in plain if row.m == m)
         if not math.isnan(rate := slope(points[0], points[-1])):
             ends = f"{points[0][0]:.0e} to {points[-1][0]:.0e}"
-            found.append((f"slope in n, {ends}, m = {m}", "1 ± 0.1", rate, abs(rate - 1) <= 0.1))
+            yield f"slope in n, {ends}, m = {m}", "1 ± 0.1", rate, verdict(abs(rate - 1), 0.1)
     points = sorted((float(row.m), row.milliseconds) for row in plain if row.n == REFERENCE)
     if points and not math.isnan(rate := slope(points[0], points[-1])):
         ends = f"{points[0][0]:g} to {points[-1][0]:g}"
-        found.append((f"slope in m, {ends}, n = {REFERENCE:.0e}", "≤ 2", rate, rate <= 2))
+        yield f"slope in m, {ends}, n = {REFERENCE:.0e}", "≤ 2", rate, verdict(rate, 2)
     for m, share in shares.items():
-        found.append((f"untouched, n = {REFERENCE:.0e}, m = {m}", "≤ 0.05", share, share <= 0.05))
-    return found
+        yield f"untouched, n = {REFERENCE:.0e}, m = {m}", "≤ 0.05", share, verdict(share, 0.05)
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Markdown: a line for each size, ratios to the floor by work."""
-    lines = [
-        f"| n | m | floor, ms | {DIRECTION}, ms | {' | '.join(WORKS)} | rungs | worst error |",
-        f"|--:|--:|--:|--:|{'--:|' * len(WORKS)}---|--:|",
-    ]
+def ratios(rows: Sequence[Row]) -> str:
+    """A line for each size, ratios to the floor by work."""
+    lines = []
     for n, m in dict.fromkeys((row.n, row.m) for row in rows):
         by_work = {row.work: row for row in rows if (row.n, row.m) == (n, m)}
-        one, ratios = by_work[DIRECTION], " | ".join(f"{by_work[work].ratio:.2f}" for work in WORKS)
-        lines.append(
-            f"| {n:.0e} | {m} | {one.floor_milliseconds:.3g} | {one.milliseconds:.3g} | {ratios} | "
-            f"{one.rung}; {by_work[OPPOSING].rung} | {max(row.error for row in by_work.values()):.0e} |"
-        )
-    return "\n".join(lines)
-
-
-def page(rows: list[Row], judged: list[tuple[str, str, float, bool]], load: float) -> str:
-    """The tables with what they were measured on; load: processes that ran at the start."""
-    import numba
-
-    threads = os.environ.get("OMP_NUM_THREADS")
-    said = "one thread" if threads == "1" else f"**OMP_NUM_THREADS is {threads}, so the floor may use several threads**"
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
-    failures = f"{sum(row.failed for row in rows)} of {len(rows)}"
-    kept = "\n".join(
-        f"| {what} | {bar} | {value:.3g} | {'kept' if is_kept else 'missed'} |" for what, bar, value, is_kept in judged
-    )
-    return (
-        "# Directions at the size of a network\n\nCPU time over that of `A @ A.T`, `w @ A` and `J @ d`, in turns with "
-        f"these; medians; {said}. Rungs: of the direction; of rows near opposing. Failures: {failures}.\n\n"
-        f"{table(rows)}\n\n| | bar | measured | |\n|---|--:|--:|---|\n{kept}\n\n"
-        f"{os.cpu_count()} cores, {platform.machine()} {platform.system()}, {load:.1f} processes busy at the start; "
-        f"{versions}. "
-        "Command: `OMP_NUM_THREADS=1 python benchmarks/long_vectors.py --out benchmarks/results`; what is measured, "
-        "and limitations, at its head.\n"
-    )
+        one, rungs = by_work[DIRECTION], f"{by_work[DIRECTION].rung}; {by_work[OPPOSING].rung}"
+        error = max(row.error for row in by_work.values())
+        times = one.floor_milliseconds, one.milliseconds, *(by_work[work].ratio for work in WORKS)
+        lines.append((n, m, *times, rungs, error))
+    each = " | ".join(f"{{0[{4 + k}]:.2f}}" for k in range(len(WORKS)))
+    line = f"| {{0[0]:.0e}} | {{0[1]:d}} | {{0[2]:.3g}} | {{0[3]:.3g}} | {each} | {{0[11]}} | {{0[12]:.0e}} |"
+    heads = f"| n | m | floor, ms | {DIRECTION}, ms | {' | '.join(WORKS)} | rungs | worst error |"
+    return table(heads, line, lines)
 
 
 def main() -> None:
-    """Measure, print, and write when asked to."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--parameters", type=numbers, default=[100_000, 1_000_000, 10_000_000], help="n, by commas")
-    parser.add_argument("--constraints", type=numbers, default=[1, 5, 31, 50], help="m, by commas")
-    parser.add_argument("--most", type=float, default=1e8, help="numbers in g and J: 0.8 GB, held two or three times")
-    parser.add_argument("--scale", type=float, default=1.0, help="times the usual number of repeats (1: some minutes)")
-    parser.add_argument("--out", type=Path, help="folder for long_vectors.csv and .md")
-    arguments = parser.parse_args()
-    if os.environ.get("OMP_NUM_THREADS") != "1":
+    """Measures, prints and writes."""
+    sizes = {"parameters": [100_000, 1_000_000, 10_000_000], "constraints": [1, 5, 31, 50]}
+    arguments = read_arguments(__doc__, **sizes, most=1e8, scale=1.0)
+    if (threads := os.environ.get("OMP_NUM_THREADS")) != "1":
         print("OMP_NUM_THREADS should be 1 before Python starts: BLAS may use several threads", file=sys.stderr)
     sizes = [(n, m) for n in arguments.parameters for m in arguments.constraints if n * (1 + m) <= arguments.most]
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
     rows = [row for n, m in sizes for row in measure(n, m, arguments.scale)]
     shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
-    said = page(rows, verdicts(rows, shares), load)
-    print(said)
-    write("long_vectors", said, rows, arguments.out)
+    about = (
+        f"CPU time over that of `A @ A.T`, `w @ A` and `J @ d`, in turns with these; medians; OMP_NUM_THREADS is "
+        f"{threads}. Rungs: of the direction; of rows near opposing. "
+        f"Failures: {sum(row.failed for row in rows)} of {len(rows)}."
+    )
+    bars = table("| | bar | measured | |", "| {0[0]} | {0[1]} | {0[2]:.3g} | {0[3]} |", verdicts(rows, shares))
+    publish(arguments, "Directions at the size of a network", [about, ratios(rows), bars, f"{machine()}."], rows)
 
 
 if __name__ == "__main__":

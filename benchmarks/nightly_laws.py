@@ -15,16 +15,18 @@ Limitations: laws are put to generated problems of at most five rows; the seed i
 new. Exit status 1 if a law broke.
 """
 
-import argparse
 import ast
 import csv
 import hashlib
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import astuple, dataclass, fields
+from functools import cache
 from pathlib import Path
+
+from joblib import Parallel, delayed
+from tables import RESULTS, publish, read_arguments
 
 import cpgrl_opt
 from cpgrl_opt import SOLVERS
@@ -52,33 +54,26 @@ class Row:
 
 
 def main() -> None:
-    """Run what is missing, then write the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--max-examples", type=int, default=10_000)
-    parser.add_argument("--solvers", default=",".join(correct_solvers()), help="names, separated by commas")
-    parser.add_argument("--laws", default=",".join(LAWS), help="names, separated by commas")
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
-    arguments = parser.parse_args()
-    names, laws = arguments.solvers.split(","), arguments.laws.split(",")
-    if unknown := set(names) - set(correct_solvers()):
-        parser.error(f"--solvers should be of {', '.join(correct_solvers())}; found {', '.join(sorted(unknown))}")
-    if unknown := set(laws) - set(LAWS):
-        parser.error(f"--laws should be of {', '.join(LAWS)}; found {', '.join(sorted(unknown))}")
+    """Runs what is missing, then writes the page."""
+    usual = {"max_examples": 10_000, "solvers": correct_solvers(), "laws": list(LAWS), "processes": 1}
+    arguments = read_arguments(__doc__, RESULTS, **usual)
+    for option, known in (("solvers", correct_solvers()), ("laws", list(LAWS))):
+        if unknown := sorted(set(getattr(arguments, option)) - set(known)):
+            arguments.refuse(f"--{option} should be of {', '.join(known)}; found {', '.join(unknown)}")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    record = arguments.out / "nightly_laws.csv"
+    record, least = arguments.out / "nightly_laws.csv", arguments.max_examples
     if not record.exists():
         record.write_text(",".join(each.name for each in fields(Row)) + "\n", encoding="utf-8")
-    known = rows_in(record)
-    done = {(row.law, row.solver) for row in known if row.max_examples >= arguments.max_examples and not row.problem}
-    missing = {law: [name for name in names if (law, name) not in done] for law in laws}
-    with ProcessPoolExecutor(arguments.processes) as pool:
-        tasks = [pool.submit(examined, law, which, arguments.max_examples, record) for law, which in missing.items()]
-        for task in as_completed(tasks):
-            task.result()
-    rows = [row for row in rows_in(record) if row.max_examples >= arguments.max_examples]
-    (arguments.out / "nightly_laws.md").write_text(page(rows, arguments.max_examples), encoding="utf-8")
-    sys.exit(any(row.problem for row in rows))
+    done = {(row.law, row.solver) for row in read(record) if row.max_examples >= least and not row.problem}
+    missing = {law: [name for name in arguments.solvers if (law, name) not in done] for law in arguments.laws}
+    work = (delayed(examine)(law, names, least, record) for law, names in missing.items())
+    Parallel(arguments.processes)(work)
+    rows = read(record)
+    publish(
+        arguments, f"Laws on {least} problems each", parts([row for row in rows if row.max_examples >= least]), rows
+    )
+    if any(row.problem for row in rows if row.max_examples >= least):
+        sys.exit(1)
 
 
 def correct_solvers() -> list[str]:
@@ -86,16 +81,19 @@ def correct_solvers() -> list[str]:
     return [name for name, solver in SOLVERS.items() if name != NOT_A_PROJECTION and is_usable(solver)]
 
 
-def examined(law: str, names: list[str], max_examples: int, record: Path) -> None:
+def examine(law: str, names: list[str], max_examples: int, record: Path) -> None:
     """One law put to the solvers one after the other, a row written after each."""
     for name in names:
         start = time.process_time()
         result = check_law(LAWS[law], SOLVERS[name], max_examples=max_examples)
         counts = (result.run, result.declined, result.skipped, result.failed)
         seconds = round(time.process_time() - start, 1)
-        append(record, Row(law, name, max_examples, *counts, seconds, sources(), " ".join(result.problem.split())))
+        row = Row(law, name, max_examples, *counts, seconds, sources(), " ".join(result.problem.split()))
+        with record.open("a", newline="", encoding="utf-8") as file:  # one write: several processes share the file
+            csv.writer(file, lineterminator="\n").writerow(astuple(row))
 
 
+@cache
 def sources() -> str:
     """Eight digits that change with the problems, the referee, the solvers and the laws.
 
@@ -126,13 +124,7 @@ def _is_silent(node: ast.AST) -> bool:
     return is_text or isinstance(node, ast.Import | ast.ImportFrom)
 
 
-def append(record: Path, row: Row) -> None:
-    """One line, in one write: several processes share the file."""
-    with record.open("a", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerow(astuple(row))
-
-
-def rows_in(record: Path) -> list[Row]:
+def read(record: Path) -> list[Row]:
     """The rows of the record, the last of each law and solver."""
     with record.open(newline="", encoding="utf-8") as file:
         rows = [_row(line) for line in csv.DictReader(file)]
@@ -143,32 +135,25 @@ def _row(line: dict[str, str]) -> Row:
     return Row(**{each.name: each.type(line[each.name]) for each in fields(Row)})  # type: ignore[operator, arg-type]
 
 
-def page(rows: list[Row], max_examples: int) -> str:
+def parts(rows: list[Row]) -> list[str]:
     """Markdown: problems run and declined, a line a law and a column a solver, and what broke."""
     cells = {(row.law, row.solver): row for row in rows}
     names = [name for name in SOLVERS if any(row.solver == name for row in rows)]
-    broken = [row for row in rows if row.problem]
+    broken = [f"**{row.law}, {row.solver}**: {row.problem}" for row in rows if row.problem]
     head = "| law | " + " | ".join(names) + " |\n|---|" + "--:|" * len(names)
     lines = [f"| {_label(law)} | " + " | ".join(_cells(cells, law, names)) + " |" for law in LAWS]
     versions, now = sorted({row.sources for row in rows}), sources()
     age = "the present ones" if versions == [now] else f"older sources than the present {now}"
-    return (
-        "\n\n".join(
-            [
-                f"# Laws on {max_examples} problems each",
-                f"`python benchmarks/nightly_laws.py --max-examples {max_examples}`: {len(rows)} laws under solvers, "
-                f"{sum(row.run for row in rows)} problems run, {len(broken)} broken; "
-                f"{sum(row.cpu_seconds for row in rows) / 3600:.1f} hours of one core. "
-                f"Measured on {', '.join(versions)}: {age}.",
-                "A cell is how many problems the solver declined (it claimed nothing), of those that the law is about; "
-                "– where the solver does not take the law's cases, or has not what the law is about; ✗ where the law "
-                "broke; empty where it was not run. Laws with a * include problems that no solver need answer.",
-                "\n".join([head, *lines]),
-                *(f"**{row.law}, {row.solver}**: {row.problem}" for row in broken),
-            ]
-        )
-        + "\n"
-    )
+    return [
+        f"{len(rows)} laws under solvers, {sum(row.run for row in rows)} problems run, {len(broken)} broken; "
+        f"{sum(row.cpu_seconds for row in rows) / 3600:.1f} hours of one core. "
+        f"Measured on {', '.join(versions)}: {age}.",
+        "A cell is how many problems the solver declined (it claimed nothing), of those that the law is about; "
+        "– where the solver does not take the law's cases, or has not what the law is about; ✗ where the law "
+        "broke; empty where it was not run. Laws with a * include problems that no solver need answer.",
+        "\n".join([head, *lines]),
+        *broken,
+    ]
 
 
 def _label(law: str) -> str:

@@ -9,13 +9,11 @@ as they are. Apart: ‖d − d′‖/max(‖g‖, ‖d‖) where both are OPTIMA
 Limitations: families of few parameters, most of which do not determine a direction to more digits than float64 has.
 """
 
-import argparse
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from tables import table, write
+from tables import publish, read_arguments, table
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
 from cpgrl_opt.comparison.families import FAMILIES, ProblemFamily
@@ -63,18 +61,6 @@ def measure(family: ProblemFamily, count: int, seed: int) -> Row:
     return Row(family.name, count, *(rungs[rung] for rung in RUNGS), other, apart)
 
 
-def page(rows: list[Row], seed: int) -> str:
-    """The table, a line a family."""
-    heads = "| family | problems | gramian | pairs | rows | other status | apart |"
-    counts = "{0.problems:d} | {0.gramian:d} | {0.pairs:d} | {0.rows:d} | {0.other_status:d}"
-    line = f"| {{0.family}} | {counts} | {{0.apart:.0e}} |"
-    return (
-        "# Which rung answers which family\n\n"
-        f"Made by `python benchmarks/rungs.py`, seed {seed}. Rungs: `docs/architecture.md`.\n\n"
-        f"{table(heads, line, rows)}\n"
-    )
-
-
 def euclidean() -> list[str]:
     """The families without metric and ball: with one, the rows that the ladder sees are others."""
     drawn = {name: family.problem(0, 0) for name, family in FAMILIES.items()}
@@ -83,16 +69,12 @@ def euclidean() -> list[str]:
 
 def main() -> None:
     """Measures, prints and writes."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--problems", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--families", nargs="*", default=euclidean())
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
-    arguments = parser.parse_args()
+    arguments = read_arguments(__doc__, problems=40, seed=0, families=euclidean())
     rows = [measure(FAMILIES[name], arguments.problems, arguments.seed) for name in arguments.families]
-    text = page(rows, arguments.seed)
-    print(text)
-    write("rungs", text, rows, arguments.out)
+    heads = "| family | problems | gramian | pairs | rows | other status | apart |"
+    counts = "{0.problems:d} | {0.gramian:d} | {0.pairs:d} | {0.rows:d} | {0.other_status:d}"
+    lines = table(heads, f"| {{0.family}} | {counts} | {{0.apart:.0e}} |", rows)
+    publish(arguments, "Which rung answers which family", ["Rungs: `docs/architecture.md`.", lines], rows)
 
 
 if __name__ == "__main__":

@@ -21,22 +21,18 @@ normalised Gramian and certifies nothing: its answer is another one, `apart` fro
 of another problem. Without PyTorch, TorchJD or JAX their lines are missing, and said to be.
 """
 
-import argparse
 import math
 import os
-import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from long_problems import direction, in_turns, judged, numbers, repeats_of
-from tables import write
+from long_problems import direction, judge, repeats_of, time_beside
+from tables import machine, publish, read_arguments, table, verdict
 
 ROWS, LEAVES = 6, 100
 BARS = {1_000: 1.0, 100_000: 0.8, 1_000_000: 0.6}  # of DualProj's time; of UPGrad's 1, and of arrays' 1.3 for trees
@@ -60,8 +56,13 @@ class Row:
     apart: float  # from the other answer, over ‖g‖; NaN where that is ours too
     failed: int
 
+    @property
+    def verdict(self) -> str:
+        """Of the bar."""
+        return verdict(self.ratio, self.bar)
 
-def drawn(n: int) -> np.ndarray:
+
+def draw(n: int) -> np.ndarray:
     """(6, n), float32, standard normal; the first row is three times as long, and two others lean away from it."""
     A = np.random.default_rng(n).standard_normal((ROWS, n), dtype=np.float32)
     A[1:3] -= np.float32(0.6) * A[0]
@@ -80,12 +81,11 @@ def available(names: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def compared(kind: str, n: int, g: str, beside: str, bar: float, scale: float, *runs: Callable[[], Any]) -> Row:
+def compare(kind: str, n: int, g: str, beside: str, bar: float, scale: float, *runs: Callable[[], Any]) -> Row:
     """The first run, which gives (problem, direction), in turns with the other."""
-    run, other = runs
     repeats = repeats_of(n, ROWS, scale) * (10 if n < 10_000 else 1)
-    theirs, ours, (problem, found) = in_turns(other, run, repeats)
-    answer, given, apart = judged(problem, found), other(), math.nan
+    theirs, ours, given, (problem, found) = time_beside(runs[1], runs[0], repeats)
+    answer, apart = judge(problem, found), math.nan
     if not isinstance(given, tuple):
         difference = problem.row_of(found.value) - given.double().numpy()
         apart = float(np.linalg.norm(difference) / np.linalg.norm(problem.gradient))
@@ -93,18 +93,18 @@ def compared(kind: str, n: int, g: str, beside: str, bar: float, scale: float, *
     return Row(kind, n, g, beside, *times, bar, answer.rung, answer.error, apart, answer.failed)
 
 
-def of_first(A: Any) -> Any:
-    """(problem, direction)."""
+def climb_first(A: Any) -> Any:
+    """(problem, direction) of the first row among the others."""
     return direction(A[0], A[1:], 0.0)
 
 
-def of_mean(A: Any) -> Any:
-    """The same."""
+def climb_mean(A: Any) -> Any:
+    """The same of their mean."""
     return direction(A.mean(0), A, 0.0)
 
 
-def of_torchjd(aggregator: Any, A: Any, wide: Any) -> Any:
-    """d in the dtype of A."""
+def aggregate(aggregator: Any, A: Any, wide: Any) -> Any:
+    """TorchJD's d in the dtype of A."""
     return aggregator(A.to(wide)).to(A.dtype)
 
 
@@ -117,15 +117,15 @@ def beside_torchjd(sizes: Sequence[int], scale: float) -> Iterator[Row]:
     torch.set_num_threads(1)
     for n in sizes:
         for dtype in (torch.float32, torch.float64, torch.bfloat16):
-            A, wide = torch.from_numpy(drawn(n)).to(dtype), torch.promote_types(dtype, torch.float32)
+            A, wide = torch.from_numpy(draw(n)).to(dtype), torch.promote_types(dtype, torch.float32)
             kind, first = f"tensor, {str(dtype).removeprefix('torch.')}", torch.eye(ROWS, dtype=wide)[0]
             for g, name, aggregator, bar in (
                 ("first", "DualProj", jd.DualProj(pref_vector=first), BARS.get(n, math.nan)),
                 ("mean", "DualProj", jd.DualProj(), math.nan),
                 ("mean", "UPGrad", jd.UPGrad(), 1.0),
             ):
-                run = partial(of_first if g == "first" else of_mean, A)
-                yield compared(kind, n, g, name, bar, scale, run, partial(of_torchjd, aggregator, A, wide))
+                run = partial(climb_first if g == "first" else climb_mean, A)
+                yield compare(kind, n, g, name, bar, scale, run, partial(aggregate, aggregator, A, wide))
 
 
 def each_row(parts: list[Any]) -> tuple[list[Any], list[list[Any]]]:
@@ -159,60 +159,32 @@ def kinds(A: np.ndarray) -> Iterator[tuple[str, np.ndarray, Any, Any]]:
 
 def beside_arrays(n: int, scale: float) -> Iterator[Row]:
     """Each kind, in turns with two arrays of NumPy's."""
-    for kind, B, g, J in kinds(drawn(n)):
+    for kind, B, g, J in kinds(draw(n)):
         bar = 1.3 if kind.startswith(TREE) and n == max(BARS) else math.nan
         runs = partial(direction, g, J, 0.0), partial(direction, B[0], B[1:], 0.0)
-        yield compared(kind, n, "first", "arrays", bar, scale, *runs)
-
-
-def table(rows: Sequence[Row]) -> str:
-    """Markdown."""
-    lines = [
-        "| kind | n | g | beside | ms | its ms | ratio | bar | | rung | worst error | apart |",
-        "|---|--:|---|---|--:|--:|--:|--:|---|---|--:|--:|",
-    ]
-    for row in rows:
-        bar, kept = ("–", "") if math.isnan(row.bar) else (f"≤ {row.bar:g}", ("missed", "kept")[row.ratio <= row.bar])
-        apart = "–" if math.isnan(row.apart) else f"{row.apart:.0e}"
-        times = f"{row.milliseconds:.3g} | {row.beside_milliseconds:.3g} | {row.ratio:.2f}"
-        lines.append(
-            f"| {row.kind} | {row.n:.0e} | {row.g} | {row.beside} | {times} | {bar} | {kept} | {row.rung} | "
-            f"{row.error:.0e} | {apart} |"
-        )
-    return "\n".join(lines)
-
-
-def page(rows: Sequence[Row], load: float) -> str:
-    """The table with what it was measured on; load: processes that ran at the start."""
-    used = [name for name in ("numpy", "numba", "torch", "torchjd", "jax") if sys.modules.get(name)]
-    versions = ", ".join(f"{name} {version(name)}" for name in used)
-    return (
-        "# Tensors, against TorchJD and kind by kind\n\nCPU time of a direction of six rows, from construction to the "
-        "certified answer in its own form, in turns with what stands beside it; medians; OMP_NUM_THREADS is "
-        f"{os.environ.get('OMP_NUM_THREADS')}. Failures: {sum(row.failed for row in rows)} of {len(rows)}.\n\n"
-        f"{table(rows)}\n\n"
-        f"{os.cpu_count()} cores, {platform.machine()} {platform.system()}, {load:.1f} processes busy at the start; "
-        f"Python {platform.python_version()}, {versions}. "
-        "Command: `OMP_NUM_THREADS=1 python benchmarks/tensors.py --out benchmarks/results`; what is measured, and "
-        "limitations, at its head.\n"
-    )
+        yield compare(kind, n, "first", "arrays", bar, scale, *runs)
 
 
 def main() -> None:
-    """Measure, print, and write when asked to."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--parameters", type=numbers, default=list(BARS), help="n beside TorchJD, by commas")
-    parser.add_argument("--reference", type=int, default=max(BARS), help="n of the kinds")
-    parser.add_argument("--scale", type=float, default=1.0, help="times the usual number of repeats (1: a minute)")
-    parser.add_argument("--out", type=Path, help="folder for tensors.csv and .md")
-    arguments = parser.parse_args()
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
+    """Measures, prints and writes."""
+    arguments = read_arguments(__doc__, parameters=list(BARS), reference=max(BARS), scale=1.0)
     rows = [
         *beside_torchjd(arguments.parameters, arguments.scale),
         *beside_arrays(arguments.reference, arguments.scale),
     ]
-    print(said := page(rows, load))
-    write("tensors", said, rows, arguments.out)
+    heads = "| kind | n | g | beside | ms | its ms | ratio | bar | | rung | worst error | apart |"
+    line = (
+        "| {0.kind} | {0.n:.0e} | {0.g} | {0.beside} | {0.milliseconds:.3g} | {0.beside_milliseconds:.3g} | "
+        "{0.ratio:.2f} | {0.bar:g} | {0.verdict} | {0.rung} | {0.error:.0e} | {0.apart:.0e} |"
+    )
+    about = (
+        "CPU time of a direction of six rows, from construction to the certified answer in its own form, in turns with "
+        f"what stands beside it; medians; OMP_NUM_THREADS is {os.environ.get('OMP_NUM_THREADS')}. Bars are the most "
+        f"that a ratio may be. Failures: {sum(row.failed for row in rows)} of {len(rows)}."
+    )
+    lines = table(heads, line, rows).replace("| nan |", "| – |")
+    used = [name for name in ("torch", "torchjd", "jax") if sys.modules.get(name)]
+    publish(arguments, "Tensors, against TorchJD and kind by kind", [about, lines, f"{machine(*used)}."], rows)
 
 
 if __name__ == "__main__":

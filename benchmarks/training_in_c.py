@@ -8,13 +8,12 @@ The paper's first experiment (three-state MDP, CPGRL by eq. 8–10 with correcte
 
 Both must reach the same θ to 1e-12, or the benchmark fails: no contender leaves out work.
 
-    python benchmarks/training_in_c.py [--episodes 10000] [--out benchmarks/results]
+    python benchmarks/training_in_c.py [--episodes 10000] [--repetitions 15] [--out benchmarks/results]
 
 Limitations: one machine, one process, whatever else it does at the time; compilation is counted for neither. CPU
 seconds, repetitions taken in turns; ratios are within a repetition, their median is given.
 """
 
-import argparse
 import ctypes
 import os
 import shutil
@@ -27,7 +26,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tables import machine, table, write
+from tables import machine, publish, read_arguments, table
 from turns import time_in_turns
 
 from cpgrl_opt import ConstrainedStep
@@ -61,20 +60,23 @@ def ours(episodes: int) -> np.ndarray:
     """`rl.train`; nobody looks at its records but the last."""
     learner = CPGRL(ConstrainedStep(step_size=0.02, restoration_rate=0.02), np.zeros(3))
     estimator = GPOMDP(trace_decay=0.99, average_rate=0.02, steps=STEPS)
-    initial = uniform_parameters(9)
-    records = train(
-        ThreeStateMDP(), SoftmaxTable(3, 3), estimator, learner, episodes=episodes, runs=RUNS, initial=initial
-    )
+    parts, initial = (ThreeStateMDP(), SoftmaxTable(3, 3), estimator, learner), uniform_parameters(9)
+    records = train(*parts, episodes=episodes, runs=RUNS, initial=initial)
     return deque(records, maxlen=1).pop().parameters
 
 
+def compiler() -> str:
+    """$CC or cc; SystemExit where there is none."""
+    name = os.environ.get("CC", "cc")
+    if shutil.which(name) is None:
+        raise SystemExit(f"{name} should be a C compiler; found none. Install gcc or clang.")
+    return name
+
+
 def in_c(flags: str, folder: Path) -> Training:
-    """The C file compiled with these flags; SystemExit where there is no compiler."""
-    compiler = shutil.which(os.environ.get("CC", "cc"))
-    if compiler is None:
-        raise SystemExit(f"{os.environ.get('CC', 'cc')} should be a C compiler; found none. Install gcc or clang.")
+    """The C file compiled with these flags."""
     library = folder / f"training{flags.replace(' ', '')}.so"
-    subprocess.run([compiler, *flags.split(), "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
+    subprocess.run([compiler(), *flags.split(), "-shared", "-fPIC", "-o", library, SOURCE, "-lm"], check=True)
     function = ctypes.CDLL(str(library)).train
     kernel, mdp = ThreeStateMDP().finite_kernel(), np.zeros(1, MDP)
     mdp["rewards"] = kernel.rewards.reshape(4, 9).T
@@ -93,54 +95,37 @@ def in_c(flags: str, folder: Path) -> Training:
     return run
 
 
-def measure(episodes: int = 10_000, repetitions: int = 15) -> list[Row]:
+def measure(episodes: int, repetitions: int) -> list[Row]:
     """Ours first, then C by flags; ValueError where they do not reach the same θ."""
     compile_kernels()
     with tempfile.TemporaryDirectory() as folder:
         contenders = {"rl.train": ours} | {f"C, {flags}": in_c(flags, Path(folder)) for flags in FLAGS}
-        for run in contenders.values():
-            run(1)  # compiles, or loads from the cache
         works = {method: partial(run, episodes) for method, run in contenders.items()}
         seconds, thetas = time_in_turns(works, repetitions)
-    own = np.array(seconds["rl.train"])
     rows = []
     for method, times in seconds.items():
         farthest = float(np.abs(thetas[method] - thetas["rl.train"]).max())
         if not farthest <= AGREEMENT:
             raise ValueError(f"θ of {method} and of rl.train should agree to {AGREEMENT:g}; found {farthest:g}")
-        millions = 1e-6 * RUNS * STEPS * episodes / np.array(times)
-        median = float(np.median(millions))
-        share = float(np.median(np.array(times) / own))
+        millions = 1e-6 * RUNS * STEPS * episodes / times
+        median, share = float(np.median(millions)), float(np.median(times / seconds["rl.train"]))
         rows.append(Row(method, float(millions.max()), median, RUNS * STEPS / median, share, farthest))
     return rows
 
 
-def report(rows: list[Row], episodes: int) -> str:
-    """The table with what it was measured on."""
-    compiler = subprocess.run([os.environ.get("CC", "cc"), "--version"], check=True, capture_output=True, text=True)
+def main() -> None:
+    """Measures, prints and writes."""
+    arguments = read_arguments(__doc__, episodes=10_000, repetitions=15)
+    rows = measure(arguments.episodes, arguments.repetitions)
     heads = "| | M steps/s | median | µs/update | our rate, as a share of it | θ differs by |"
     line = (
         "| {0.method} | {0.million_steps_per_second:.3g} | {0.median_million_steps_per_second:.3g} | "
         "{0.microseconds_per_update:.3g} | {0.our_rate_as_a_share:.2f} | {0.farthest_theta:.1g} |"
     )
-    return (
-        f"# Training beside straight C\n\n{table(heads, line, rows)}\n\nThree-state MDP, {RUNS} "
-        f"runs × {STEPS} steps an update, {episodes} updates. One process on {machine()}; "
-        f"{compiler.stdout.splitlines()[0]}. CPU time, best and median of repetitions taken in turns. "
-        f"Command: `python benchmarks/training_in_c.py --episodes {episodes} --out benchmarks/results`.\n"
-    )
-
-
-def main() -> None:
-    """Measure, print, and write when asked to."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=10_000, help="updates; the paper makes 10000")
-    parser.add_argument("--repetitions", type=int, default=15)
-    parser.add_argument("--out", type=Path, help="folder for training_in_c.csv and training_in_c.md")
-    arguments = parser.parse_args()
-    rows = measure(arguments.episodes, arguments.repetitions)
-    print(report(rows, arguments.episodes))
-    write("training_in_c", report(rows, arguments.episodes), rows, arguments.out)
+    said = subprocess.run([compiler(), "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]
+    about = f"Three-state MDP, {RUNS} runs × {STEPS} steps an update, {arguments.episodes} updates. CPU time, best and "
+    about += f"median of repetitions taken in turns. {machine()}; {said}."
+    publish(arguments, "Training beside straight C", [table(heads, line, rows), about], rows)
 
 
 if __name__ == "__main__":

@@ -18,15 +18,13 @@ written. CPU seconds; the best of nine repetitions taken in turns, since neighbo
 and their median beside it.
 """
 
-import argparse
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
-from tables import machine, table, write
+from tables import machine, publish, read_arguments, table
 from turns import time_in_turns
 
 from cpgrl_opt import ConstrainedStep
@@ -34,7 +32,7 @@ from cpgrl_opt.solvers import compile_kernels
 from envs import ThreeStateMDP
 from rl import CPGRL, GPOMDP, SoftmaxTable, train, uniform_parameters
 
-RUNS, STEPS, FULL = 20, 100, 20 * 10_000 * 100
+RUNS, STEPS, FULL, REPETITIONS = 20, 100, 20 * 10_000 * 100, 9
 BETA, ALPHA_R, ALPHA = 0.99, 0.02, 0.02
 MDP = ThreeStateMDP()
 
@@ -55,18 +53,12 @@ class Row:
     least_slack: float  # exact, over runs and constraints
 
 
-def compiled(solver: str) -> Callable[[int, int], np.ndarray]:
-    """`rl.train` with this solver; (runs, episodes) → θ (runs, 9)."""
+def compiled(solver: str, runs: int, episodes: int) -> np.ndarray:
+    """`rl.train` with this solver; θ (runs, 9)."""
     learner = CPGRL(ConstrainedStep(solver=solver, step_size=ALPHA, restoration_rate=ALPHA), np.zeros(3))
-
-    def run(runs: int, episodes: int) -> np.ndarray:
-        estimator = GPOMDP(trace_decay=BETA, average_rate=ALPHA_R, steps=STEPS)
-        initial = uniform_parameters(9)
-        policy = SoftmaxTable(3, 3)
-        records = train(MDP, policy, estimator, learner, episodes=episodes, runs=runs, initial=initial)
-        return deque(records, maxlen=1).pop().parameters
-
-    return run
+    estimator = GPOMDP(trace_decay=BETA, average_rate=ALPHA_R, steps=STEPS)
+    parts, initial = (MDP, SoftmaxTable(3, 3), estimator, learner), uniform_parameters(9)
+    return deque(train(*parts, episodes=episodes, runs=runs, initial=initial), maxlen=1).pop().parameters
 
 
 def academic(runs: int, episodes: int) -> np.ndarray:
@@ -133,81 +125,48 @@ def vectorised(runs: int, episodes: int) -> np.ndarray:
     return theta.reshape(runs, 9)
 
 
-ACADEMIC = "academic NumPy loop"
-# episodes at scale 1; the academic loop makes two runs, for its time per step does not depend on their number
+# (runs, episodes) → θ; runs, and episodes at scale 1. The academic loop, first, makes two runs, for its time per step
+# does not depend on their number.
 CONTENDERS: dict[str, tuple[Callable[[int, int], np.ndarray], int, int]] = {
-    ACADEMIC: (academic, 2, 25),
+    "academic NumPy loop": (academic, 2, 25),
     "NumPy over the runs": (vectorised, RUNS, 100),
-    "rl.train, rosen": (compiled("rosen"), RUNS, 1000),
-    "rl.train, active-set": (compiled("active-set"), RUNS, 1000),
+    "rl.train, rosen": (partial(compiled, "rosen"), RUNS, 1000),
+    "rl.train, active-set": (partial(compiled, "active-set"), RUNS, 1000),
 }
 
 
-def measure(scale: float = 1.0, repetitions: int = 9) -> list[Row]:
+def measure(scale: float) -> list[Row]:
     """Every contender, `scale` times its usual number of episodes; the repetitions are taken in turns."""
     compile_kernels()
-    for run, runs, _ in CONTENDERS.values():
-        run(runs, 1)  # compiles, or loads from the cache
-    works = {method: partial(run, runs, scaled(usual, scale)) for method, (run, runs, usual) in CONTENDERS.items()}
-    seconds, thetas = time_in_turns(works, repetitions)
-    per_step = {
-        method: [each / (runs * scaled(usual, scale) * STEPS) for each in seconds[method]]
-        for method, (_, runs, usual) in CONTENDERS.items()
-    }
-    return [row(method, per_step[method], per_step[ACADEMIC], thetas[method], scale) for method in CONTENDERS]
+    sizes = {method: (runs, max(int(usual * scale), 1)) for method, (_, runs, usual) in CONTENDERS.items()}
+    works = {method: partial(run, *sizes[method]) for method, (run, _, _) in CONTENDERS.items()}
+    seconds, thetas = time_in_turns(works, REPETITIONS)
+    rows = []
+    for method, (runs, episodes) in sizes.items():
+        per_step = seconds[method] / (runs * episodes * STEPS)
+        best, rates = float(per_step.min()), 1e-6 / per_step
+        g = MDP.average_rewards(SoftmaxTable(3, 3).probabilities(thetas[method]))
+        speed = float(rates.max()), float(np.median(rates)), 1e6 * best, best * FULL
+        ratio = rows[0].microseconds_per_step / speed[2] if rows else 1.0
+        rows.append(Row(method, runs, episodes, *speed, ratio, float(g[:, 0].mean()), float(g[:, 1:].min())))
+    return rows
 
 
-def row(method: str, times: list[float], academic: list[float], theta: np.ndarray, scale: float) -> Row:
-    """The line of a method that took so many seconds per step, by repetition, and reached θ."""
-    seconds, academic_seconds = min(times), min(academic)
-    _, runs, usual = CONTENDERS[method]
-    g = MDP.average_rewards(SoftmaxTable(3, 3).probabilities(theta))
-    return Row(
-        method=method,
-        runs=runs,
-        episodes=scaled(usual, scale),
-        million_steps_per_second=1e-6 / seconds,
-        median_million_steps_per_second=1e-6 / float(np.median(times)),
-        microseconds_per_step=1e6 * seconds,
-        full_size_seconds=seconds * FULL,
-        ratio_to_academic=academic_seconds / seconds,
-        g1=float(g[:, 0].mean()),
-        least_slack=float(g[:, 1:].min()),
-    )
-
-
-def scaled(episodes: int, scale: float) -> int:
-    """At least one episode."""
-    return max(int(episodes * scale), 1)
-
-
-def report(rows: list[Row], scale: float) -> str:
-    """The table with what it was measured on."""
+def main() -> None:
+    """Measures, prints and writes."""
+    arguments = read_arguments(__doc__, scale=1.0)
+    rows = measure(arguments.scale)
     heads = "| | M steps/s | median | µs/step | full size, s | × academic | runs × episodes | g¹ | least slack |"
     line = (
         "| {0.method} | {0.million_steps_per_second:.3g} | {0.median_million_steps_per_second:.3g} | "
         "{0.microseconds_per_step:.3g} | {0.full_size_seconds:.1f} | {0.ratio_to_academic:.3g} | {0.runs} × "
         "{0.episodes:d} | {0.g1:.2f} | {0.least_slack:.3f} |"
     )
-    return (
-        f"# Training speed\n\n{table(heads, line, rows)}\n\nFull size, 20 runs × 10000 "
-        f"episodes × 100 steps a method, is extrapolated from the steps measured. One process on {machine()}; "
-        "CPU time, best of nine; their median beside it. "
-        f"Command: `python benchmarks/training_speed.py --scale {scale:g} --out benchmarks/results`.\n"
+    about = (
+        "Full size, 20 runs × 10000 episodes × 100 steps a method, is extrapolated from the steps measured. CPU time, "
     )
-
-
-def main() -> None:
-    """Measure, print, and write when asked to."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--scale", type=float, default=1.0, help="times the usual number of episodes (1: half a minute)"
-    )
-    parser.add_argument("--out", type=Path, help="folder for training_speed.csv and training_speed.md")
-    arguments = parser.parse_args()
-    rows = measure(arguments.scale)
-    print(report(rows, arguments.scale))
-    write("training_speed", report(rows, arguments.scale), rows, arguments.out)
+    about += f"best of {REPETITIONS}; their median beside it. {machine()}."
+    publish(arguments, "Training speed", [table(heads, line, rows), about], rows)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,7 @@
 """A user's own recording is a family of the comparison, and a sequence for the benchmark of warm starts."""
 
-import csv
-import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -83,38 +79,3 @@ def test_a_bad_file_is_refused_in_words() -> None:
         with pytest.raises(ValueError, match=message):
             Request(families=[name], solvers=["active-set"]).settings()
     assert list(families_asked(["own.npz", "zero-*", "./own.npz"])) == ["zero-rows", "zero-rows-equality", "own.npz"]
-
-
-@pytest.fixture(scope="module")
-def benchmark(load_benchmark: Callable[[str], ModuleType]) -> ModuleType:
-    return load_benchmark("recorded_sequences")
-
-
-@pytest.mark.usefixtures("own")
-def test_the_benchmark_of_sequences_replays_a_file_cold_and_warm(
-    benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    results = benchmark.__file__
-    before = sorted((path, path.stat().st_mtime_ns) for path in Path(str(results)).with_name("results").iterdir())
-    monkeypatch.setattr(benchmark, "COLD", ("active-set", "rosen", "osqp"))
-    typed = ["recorded_sequences.py", "--recording", "own.npz", "--repeats", "1"]
-    monkeypatch.setattr(sys, "argv", typed)
-    benchmark.main()
-    printed = capsys.readouterr().out
-    assert "| own.npz, cone | 3 | active-set | cold | 3 |" in printed
-    after = sorted((path, path.stat().st_mtime_ns) for path in Path(str(results)).with_name("results").iterdir())
-    assert after == before, "the committed results are of the shipped recordings"
-
-    monkeypatch.setattr(sys, "argv", [*typed, "--out", "replayed"])
-    benchmark.main()
-    with Path("replayed/recorded_sequences.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    warm = ["cold", "warm"] if len(rows) > 2 else []  # osqp may be absent
-    assert [row["start"] for row in rows if row["solver"] == "osqp"] == warm * 2
-    assert {row["recording"] for row in rows} == {"own.npz, as met", "own.npz, cone"}
-    assert "rosen" not in {row["solver"] for row in rows}, "it takes equalities only"
-
-    monkeypatch.setattr(sys, "argv", ["recorded_sequences.py", "--recording", "nosuch.npz"])
-    with pytest.raises(SystemExit, match="2"):
-        benchmark.main()
-    assert "nosuch.npz should be a recording" in capsys.readouterr().err
