@@ -1,6 +1,7 @@
 """Which problems a solver takes: its `supports` is asked about each kind in each of the usual shapes, else in all."""
 
 from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,17 @@ from ..solvers.interface import DirectionSolver
 from .draws import MOST_PARAMETERS, MOST_ROWS, SHAPES
 from .law import takes, varied
 
+_MOST_KNOWN = 32  # solvers; each item of a test asks about the same few again
+_known: list[tuple[DirectionSolver, "Domain"]] = []
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What a solver takes: kinds of problems, and the shapes (n, m) if it takes none of the usual ones."""
+
+    cases: tuple[Case, ...] = ()
+    rare_shapes: tuple[tuple[int, int], ...] = ()
+
 
 def supported_cases(solver: DirectionSolver) -> list[Case]:
     """The cases of which the solver's `supports` takes an example; without a `supports`, the five of constraints.
@@ -18,31 +30,42 @@ def supported_cases(solver: DirectionSolver) -> list[Case]:
     ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius. Raises LawBroken
     where `supports` raises or contradicts itself.
     """
-    taken = _taken(solver)
+    return list(find_domain(solver).cases)
+
+
+def domain_of(solver: DirectionSolver) -> Domain:
+    """`find_domain`, remembered for this very object until `forget_domain`: hundreds of examples are asked about."""
+    for known, domain in _known:
+        if known is solver:
+            return domain
+    _known.append((solver, find_domain(solver)))
+    del _known[:-_MOST_KNOWN]
+    return _known[-1][1]
+
+
+def forget_domain(solver: DirectionSolver) -> None:
+    """Have `domain_of` ask anew: the solver may have been changed."""
+    _known[:] = [each for each in _known if each[0] is not solver]
+
+
+def find_domain(solver: DirectionSolver) -> Domain:
+    """Ask `supports` about each example, of the usual shapes first. Raises as `supported_cases`."""
+    taken = [problem for problem in _examples(_usual()) if takes(solver, problem)]
+    shapes: tuple[tuple[int, int], ...] = ()
     if not taken:
-        return []
+        taken = [problem for problem in _examples(_rare()) if takes(solver, problem)]
+        shapes = tuple(dict.fromkeys((problem.n, problem.m) for problem in taken))
+    if not taken:
+        return Domain()
     constraints = {_case_of_example(problem) for problem in taken}
-    cases = [case for case in ALL_CASES if case in constraints]
-    if any(problem.metric is not None for problem in taken):
-        cases.append(Case.METRIC)
-    if any(problem.radius is not None for problem in taken):
-        cases.append(Case.RADIUS)
-    if all(problem.m <= 1 for problem in taken):
-        cases.append(Case.ONE_ROW)
-    if all(problem.radius is not None for problem in taken):
-        cases.append(Case.BALL)
-    return cases
-
-
-def rare_shapes(solver: DirectionSolver) -> tuple[tuple[int, int], ...]:
-    """The shapes (n, m) that it takes where it takes none of the usual ones; else none."""
-    shapes = dict.fromkeys((problem.n, problem.m) for problem in _taken(solver))
-    return () if any(shape in _usual() for shape in shapes) else tuple(shapes)
-
-
-def _taken(solver: DirectionSolver) -> list[DirectionProblem]:
-    usual = [problem for problem in _examples(_usual()) if takes(solver, problem)]
-    return usual or [problem for problem in _examples(_rare()) if takes(solver, problem)]
+    found = {
+        **{case: case in constraints for case in ALL_CASES},
+        Case.METRIC: any(problem.metric is not None for problem in taken),
+        Case.RADIUS: any(problem.radius is not None for problem in taken),
+        Case.ONE_ROW: all(problem.m <= 1 for problem in taken),
+        Case.BALL: all(problem.radius is not None for problem in taken),
+    }
+    return Domain(tuple(case for case in found if found[case]), shapes)
 
 
 @cache

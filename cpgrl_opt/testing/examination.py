@@ -19,7 +19,7 @@ from ..isolation import HangError, Isolated, IsolationError, apply
 from ..problem import DirectionProblem
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
-from .domain import rare_shapes, traits_of
+from .domain import domain_of, traits_of
 from .draws import only_shapes, small_shapes
 from .law import LawBroken, Outcome, described, takes
 from .laws import Arguments, Law, part_drawn
@@ -237,7 +237,7 @@ class _Draws:
         # the sixth, most of its shape, and a hundred examples were those of about twenty shapes.
         alone = st.lists(drawn, min_size=1, max_size=1, unique_by=id)
         test: Callable[[], None] = chosen(given(alone)(asked))
-        shapes = () if self.solver is None else apply(rare_shapes, self.solver)
+        shapes = () if self.solver is None else apply(domain_of, self.solver).rare_shapes
         with only_shapes(shapes), suppress(Unsatisfiable, _TakesNone):
             try:
                 seed(zlib.crc32(self.source.__name__.encode()) + self.number)(test)()

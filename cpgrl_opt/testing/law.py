@@ -15,7 +15,7 @@ from ..problem import DirectionProblem
 from ..problems.assembly import varied as varied
 from ..scaling import lengths
 from ..solvers import SOLVERS
-from ..solvers.facts import facts_of, is_single, supports, tolerance_of
+from ..solvers.facts import facts_of, is_single, tolerance_of
 from ..solvers.interface import DirectionSolver
 
 # Below it float32 loses digits, and a processor in its fast mode takes the number for 0.
@@ -73,8 +73,9 @@ def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
 
     A solver that says that it computes in float32 takes what float32 holds.
     """
+    facts = facts_of(solver)
     try:
-        said = [supports(solver, problem) for _ in range(2)]
+        said = [facts.supports(problem) for _ in range(2)]
     except Exception as error:
         raise LawBroken(
             f"supports should say True or False of a valid problem; it raised {type(error).__name__}: {error}"
@@ -85,7 +86,7 @@ def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
             f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
             f"{described(problem)}"
         )
-    return said[0] and (not facts_of(solver).is_single or is_held_in_single(problem))
+    return said[0] and (not facts.is_single or is_held_in_single(problem))
 
 
 def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:

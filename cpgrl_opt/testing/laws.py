@@ -19,7 +19,7 @@ from ..problems.infeasible import infeasible
 from ..problems.regular import feasible_gradient
 from ..solvers.interface import DirectionSolver
 from . import conduct, honesty, invariance, neighbours, optimality, projection_laws, sequences, timing
-from .domain import supported_cases
+from .domain import domain_of
 from .drawn_source import DrawnSource, made
 from .draws import any_of, are_small, between, integers, orders
 from .law import Outcome
@@ -77,7 +77,7 @@ class Law:
         """The law's cases that the solver takes; none if it lacks what the law is about."""
         if self.needs is not None and not self.needs(solver):
             return []
-        supported = supported_cases(solver)
+        supported = domain_of(solver).cases
         if any(case.is_limit and case not in self.cases for case in supported):
             return []
         cases = [case for case in supported if case in self.cases]
@@ -239,7 +239,7 @@ def _problems_of_shape(n: int, m: int, cases: Collection[Case]) -> st.SearchStra
 
 def _violates_in_part(solver: DirectionSolver) -> bool:
     """Rows that oppose each other, or a ball, can be violated more or less; one zero row is so by every direction."""
-    cases = supported_cases(solver)
+    cases = domain_of(solver).cases
     return Case.ONE_ROW not in cases or Case.BALL in cases
 
 

@@ -8,7 +8,7 @@ from hypothesis import settings
 
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
-from .domain import supported_cases
+from .domain import domain_of
 from .law import LawBroken
 from .laws import LAWS, Law
 from .verdict import CheckResult, check_law
@@ -33,7 +33,7 @@ class SolverCheck:
 
         examples = self.max_examples or settings().max_examples
         result = check_law(self.law, solver, reason=self.reason, max_examples=examples, seed=self.seed)
-        if not result.supported and not supported_cases(solver):
+        if not result.supported and not domain_of(solver).cases:
             raise LawBroken(f"{solver!r} should take some of the laws' problems; found that `supports` takes none")
         if not result.supported:
             pytest.skip(f"{self.law.name}: the solver declares no such cases, or has no method for them")

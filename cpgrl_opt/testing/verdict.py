@@ -12,6 +12,7 @@ from ..solvers.facts import facts_of, tolerance_of
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
 from .counterexample import counterexample_code
+from .domain import forget_domain
 from .examination import Examination, examine
 from .law import LawBroken
 from .laws import LAWS, Law
@@ -169,6 +170,7 @@ def check_direction_solver(
     for name in (*expected, *(checks or ())):
         require_member("check", name, tuple(LAWS))
     tolerance = tolerance_of(solver)
+    forget_domain(solver)
     results: list[CheckResult] = []
     lost = 0
     for law in LAWS.values():

@@ -10,7 +10,7 @@ from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.testing import check_direction_solver, parametrize_with_checks
 
 # Problems a law, as a part of the profile's examples: the same for all solvers, which are then given the same ones.
-SHARE = 0.09
+SHARE = 0.04
 INSTALLED = {name: solver for name, solver in SOLVERS.items() if is_installed(solver)}
 
 # The drop rule never takes a constraint back, so it is the cone projection for one constraint, and mostly for more;
@@ -44,8 +44,8 @@ def test_no_solver_is_silently_wrong_on_hostile_problems(name):
     verdict.raise_for_failures()
 
 
-@pytest.mark.parametrize("law", ["check_stationarity", "check_inactive_row"])
-def test_the_drop_rule_declines_where_it_is_wrong(law):
-    verdict = check_direction_solver(SOLVERS["rosen-drop"], checks=[law], max_examples=100)
+def test_the_drop_rule_declines_where_it_is_wrong():
+    law = "check_inactive_row"
+    verdict = check_direction_solver(SOLVERS["rosen-drop"], checks=[law], max_examples=60)
     assert verdict[law].declined > 0
     assert verdict[law].failed == 0
