@@ -135,7 +135,7 @@ def test_a_right_solver_passes_the_laws_that_speak_about_it(name):
     """And is handed nothing that it does not take: `Faulty` would fail."""
     solver, cases, silent = RIGHT[name]
     assert set(supported_cases(solver)) == cases
-    verdict = check_direction_solver(solver, max_examples=2)
+    verdict = check_direction_solver(solver, max_examples=3)
     verdict.raise_for_failures()
     assert {result.check for result in verdict.results if not result.supported} == {f"check_{law}" for law in silent}
     assert all(result.run for result in verdict.results if result.supported)
