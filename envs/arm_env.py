@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from .arm_constants import NONE
 from .arrays import Float64, UInt8
-from .interface import ContinuousKernels, continuous_kernels_of, restated
+from .interface import ContinuousKernels, continuous_kernels_of, register_code
 from .two_link_arm import TwoLinkArm
 from .validation import finite_array, real_array
 
 
-@restated
+@register_code
 class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
     """`cpgrl/TwoLinkArm-v0`: observations are angles φ, rad; actions joint velocities, rad/s; rewards (3,).
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .arrays import Float64
 from .interface import RESET_SIGNATURE, STEP_SIGNATURE
-from .interface.kernel_cache import cached
+from .interface.kernel_cache import compile_and_cache
 from .interface.random_stream import uniform
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def pack(arm: "TwoLinkArm") -> Float64[np.ndarray, "constants"]:
     return np.concatenate([scalars, np.ravel(arm.box), np.stack([low, high], axis=1).ravel(), np.ravel(things)])
 
 
-@cached("float64(float64, float64, float64)")
+@compile_and_cache("float64(float64, float64, float64)")
 def _clip(value, low, high):  # type: ignore[no-untyped-def]
     # By comparisons, so that NaN stays NaN; min and max may swallow it.
     if value < low:
@@ -43,7 +43,7 @@ def _clip(value, low, high):  # type: ignore[no-untyped-def]
     return value
 
 
-@cached("Tuple((int64, float64))(float64[::1], float64[::1])")
+@compile_and_cache("Tuple((int64, float64))(float64[::1], float64[::1])")
 def _nearest(constants, state):  # type: ignore[no-untyped-def]
     """Index of the object nearest to the end effector, the first of equals, and the squared distance, m²."""
     elbow, total = state[0], state[0] + state[1]
@@ -57,7 +57,7 @@ def _nearest(constants, state):  # type: ignore[no-untyped-def]
     return nearest, least
 
 
-@cached(RESET_SIGNATURE, nogil=True)
+@compile_and_cache(RESET_SIGNATURE, nogil=True)
 def reset(constants, random_state, state):  # type: ignore[no-untyped-def]
     """φ uniform in the box, drawn anew while an object is touched."""
     squared = -1.0
@@ -68,7 +68,7 @@ def reset(constants, random_state, state):  # type: ignore[no-untyped-def]
         _, squared = _nearest(constants, state)
 
 
-@cached(STEP_SIGNATURE, nogil=True)
+@compile_and_cache(STEP_SIGNATURE, nogil=True)
 def step(constants, state, action, random_state, reward):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """φ′ into `state`, (r¹, r², r³) into `reward`; the number of the touched object, from 1, or 0."""
     inside = True

@@ -18,7 +18,7 @@ from .arrays import (
     Thresholds,
     Transitions,
 )
-from .interface import FiniteKernel, restated
+from .interface import FiniteKernel, register_code
 from .markov_chain import stationary_distribution
 from .validation import (
     finite_array,
@@ -49,7 +49,7 @@ class ConstrainedOptimum:
     multipliers: Thresholds
 
 
-@restated
+@register_code
 @dataclass(frozen=True, init=False, eq=False)
 class TabularMDP:
     """T(s, a, s′) = Pr(s′ | s, a) and rewards rⁱ(s, a), channel 0 the intrinsic one.

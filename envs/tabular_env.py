@@ -7,11 +7,11 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 
 from .arrays import Float64, UInt8
-from .interface import FiniteKernel, finite_kernel_of, restated
+from .interface import FiniteKernel, finite_kernel_of, register_code
 from .tabular import TabularMDP
 
 
-@restated
+@register_code
 class TabularEnv(gymnasium.Env[np.int64, np.int64]):
     """States and actions are 0 … n − 1; `step` returns r(s, a) of the state that it leaves, (1 + m,) float64.
 

@@ -18,7 +18,7 @@ from .arm_constants import (
     pair_between,
 )
 from .arrays import Float64, Int64
-from .interface import ContinuousKernels, restated
+from .interface import ContinuousKernels, register_code
 from .validation import finite_array, number_between, positive_integer
 
 Angles = Float64[np.ndarray, "*points 2"]
@@ -28,7 +28,7 @@ _STARTS = 64  # lines of the grid on which room for a start is looked for
 _ROOM = 0.01  # least share of it: a start is then found after a hundred draws on average
 
 
-@restated
+@register_code
 @dataclass(frozen=True, kw_only=True)
 class TwoLinkArm:
     """φ′ = stops(φ + dt·clip(u, ±max_speed)),   rewards r¹ … r³ of what the step reached.

@@ -320,11 +320,11 @@ def _reproduce(
 @contextmanager
 def _reserved(out: Path) -> Iterator[None]:
     """The directory for this command alone, one line where it cannot be had."""
-    from .experiments.results_directory import UnusableDirectoryError, reserved
+    from .experiments.results_directory import UnusableDirectoryError, reserve
 
     with ExitStack() as stack:
         with _clean_errors(UnusableDirectoryError):
-            stack.enter_context(reserved(out))
+            stack.enter_context(reserve(out))
         yield
 
 

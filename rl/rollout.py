@@ -12,9 +12,7 @@ from cpgrl_opt.validation import is_finite
 
 from .channels import event_key, event_of, name_of, reward_channels
 from .policies import Policy
-from .spaces import hand_over, own_copy, require_fitting
-
-__all__ = ["PolicyError", "RolloutError", "Step", "act", "episode", "located", "require_fitting", "reward_channels"]
+from .spaces import hand_over, own_copy
 
 
 class RolloutError(ValueError):
@@ -70,7 +68,7 @@ def episode(
     """
     channels, key = reward_channels(environment), event_key(environment)
     space = getattr(environment, "action_space", None)
-    with located(environment, 0, run):
+    with locate_errors(environment, 0, run):
         observation = _begin(environment, int(rng.integers(2**31)))
     for step in range(limit):
         try:
@@ -86,7 +84,7 @@ def episode(
 
 
 @contextmanager
-def located(environment: Any, step: int, run: int | None) -> Iterator[None]:
+def locate_errors(environment: Any, step: int, run: int | None) -> Iterator[None]:
     """A RolloutError from inside learns where it happened."""
     try:
         yield

@@ -51,9 +51,9 @@ def hand_over(action: Any, space: Any) -> Any:
 
 def behaves_as(policy: object, kind: type[P]) -> TypeGuard[P]:
     """Whether a policy is a `kind` that samples and scores as that class does: compiled code may stand for it."""
-    from envs.interface import overridden  # Gymnasium loads with envs
+    from envs.interface import list_overrides  # Gymnasium loads with envs
 
-    if not isinstance(policy, kind) or overridden(policy, kind):
+    if not isinstance(policy, kind) or list_overrides(policy, kind):
         return False
     return all(getattr(kind, name) is code for name, code in _AS_WRITTEN.get(kind, {}).items())  # unless patched
 

@@ -39,10 +39,10 @@ from .kernels import (
     function_type,
     random_state,
 )
-from .overrides import declaring_class, overridden, restated
+from .overrides import declaring_class, list_overrides, register_code
 
 __all__ = [
     "RESET_SIGNATURE", "STEP_SIGNATURE", "ContinuousEnvironment", "ContinuousKernels", "FiniteEnvironment",
     "FiniteKernel", "VectorReward", "continuous_kernels_of", "declaring_class", "finite_kernel_of",
-    "function_type", "overridden", "random_state", "restated",
+    "function_type", "list_overrides", "random_state", "register_code",
 ]  # fmt: skip

@@ -3,7 +3,7 @@
 from typing import Any, Protocol, runtime_checkable
 
 from .kernels import ContinuousKernels, FiniteKernel
-from .overrides import declaring_class, overridden
+from .overrides import declaring_class, list_overrides
 
 
 @runtime_checkable
@@ -38,9 +38,13 @@ def finite_kernel_of(environment: Any) -> FiniteKernel | None:
     """The finite MDP that stands for an environment; None where nothing but its own `step` does.
 
     A kernel stands for the class that declares `finite_kernel`, and for a subclass that leaves that class's code alone
-    (`overrides.overridden`) or declares a kernel of its own. A subclass with its own `step` or reward, a wrapper and
-    a patched instance are trained by what their `step` says.
-    Raises ValueError where the kernel does not stand for the environment, and there is no `reset` and `step` either.
+    (`list_overrides`) or declares a kernel of its own. A subclass with its own `step` or reward, a wrapper and a
+    patched instance are trained by what their `step` says.
+
+    Raises
+    ------
+    ValueError
+        Where the kernel does not stand for the environment, and there is no `reset` and `step` either.
     """
     kernel: FiniteKernel | None = _kernels_of(environment, FiniteEnvironment, "finite_kernel", FiniteKernel)
     return kernel
@@ -61,7 +65,7 @@ def _kernels_of(environment: Any, protocol: type, name: str, kind: type) -> Any:
         owner = declaring_class(environment, name)
         if owner is None:  # lent by __getattr__ from another environment, whose step is not this one's
             return None
-        if changed := overridden(environment, owner):
+        if changed := list_overrides(environment, owner):
             return _none_or_raise(environment, f"{owner.__name__}.{name}", changed)
     kernels = getattr(environment, name)()
     if not isinstance(kernels, kind):

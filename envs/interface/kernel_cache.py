@@ -22,7 +22,7 @@ def forget_outdated_kernels(folders: Iterable[Path], sources: Sequence[Path]) ->
                     cached.unlink(missing_ok=True)
 
 
-def cached(signature: Any, **options: bool) -> Any:
+def compile_and_cache(signature: Any, **options: bool) -> Any:
     """Decorates what numba compiles for the signature, or loads from its disk cache; without one that is damaged."""
     from numba import njit
 

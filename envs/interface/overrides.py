@@ -17,7 +17,7 @@ _AS_WRITTEN: dict[type, dict[str, Any]] = {}
 Class = TypeVar("Class", bound=type)
 
 
-def restated(owner: Class) -> Class:
+def register_code(owner: Class) -> Class:
     """Decorates a class whose code kernels restate: what is patched into it later, by `mock` say, is other code."""
     _AS_WRITTEN[owner] = dict(vars(owner))
     return owner
@@ -28,18 +28,18 @@ def declaring_class(instance: object, name: str) -> type | None:
     return next((base for base in type(instance).__mro__ if name in vars(base)), None)
 
 
-def overridden(instance: object, owner: type, names: tuple[str, ...] | None = None) -> list[str]:
+def list_overrides(instance: object, owner: type, names: tuple[str, ...] | None = None) -> list[str]:
     """Names of code of `owner` that is other code on `instance`, sorted; empty where `owner` still speaks for it.
 
     The rule: every method and property that `owner` has, `reset` and `step` too, must be found on the instance as it
     is found on `owner` itself, whether a subclass, another base class or the instance's own attributes changed it.
     Left out are special methods, an override of `__init__` among them, pictures and exact answers.
     names: only these, in place of all code of `owner`. Code that is patched into `owner` itself is seen where `owner`
-    was decorated with `restated`.
+    was decorated with `register_code`.
     """
     code = {name for base in owner.__mro__[:-1] for name, value in vars(base).items() if _is_code(name, value)}
     looked_at = code - _BESIDE | set(_DYNAMICS) if names is None else set(names)
-    return sorted(name for name in looked_at if _found(instance, name) is not _as_written(owner, name))
+    return sorted(name for name in looked_at if _find(instance, name) is not _as_written(owner, name))
 
 
 def _is_code(name: str, value: object) -> bool:
@@ -56,7 +56,7 @@ def _as_written(owner: type, name: str) -> Any:
     return next((body[name] for body in bodies if name in body), _NOTHING)
 
 
-def _found(instance: object, name: str) -> Any:
+def _find(instance: object, name: str) -> Any:
     """What the instance has under a name; its own attribute first, unless that is a cached property's value."""
     by_class = _in_class(type(instance), name)
     own = getattr(instance, "__dict__", {})

@@ -20,7 +20,7 @@ forget_outdated_kernels(_FOLDERS, _SOURCES)  # before any kernel is loaded: all 
 
 
 @numba.njit  # type: ignore[misc, unused-ignore]
-def _rotated(word, bits):  # type: ignore[no-untyped-def]
+def _rotate(word, bits):  # type: ignore[no-untyped-def]
     return (word << np.uint64(bits)) | (word >> np.uint64(64 - bits))
 
 
@@ -28,13 +28,13 @@ def _rotated(word, bits):  # type: ignore[no-untyped-def]
 def next_word(random_state):  # type: ignore[no-untyped-def]
     """64 uniform bits; advances the four words of `random_state` in place."""
     s0, s1, s2, s3 = random_state[0], random_state[1], random_state[2], random_state[3]
-    word = _rotated(s0 + s3, 23) + s0
+    word = _rotate(s0 + s3, 23) + s0
     s2 ^= s0
     s3 ^= s1
     random_state[0] = s0 ^ s3
     random_state[1] = s1 ^ s2
     random_state[2] = s2 ^ (s1 << np.uint64(17))
-    random_state[3] = _rotated(s3, 45)
+    random_state[3] = _rotate(s3, 45)
     return word
 
 

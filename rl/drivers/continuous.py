@@ -51,24 +51,24 @@ class ContinuousDriver:
         """One episode of each run in one call."""
         functions = {RESET_SIGNATURE: self.kernels.reset, STEP_SIGNATURE: self.kernels.step}
         fixed = (self.kernels.constants, self.limit, *self.network)
-        theta = _exchanged(parameters, self.shape[2] // self.dimensions, self.dimensions)
+        theta = _exchange(parameters, self.shape[2] // self.dimensions, self.dimensions)
         play(advance, step, functions, *fixed, theta, self.random_states, batch)
-        batch.gradients[...], batch.spans[...] = self.in_order(batch.gradients), self.in_order(batch.spans)
+        batch.gradients[...], batch.spans[...] = self.reorder(batch.gradients), self.reorder(batch.spans)
 
-    def in_order(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+    def reorder(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Rows and columns exchanged back."""
-        return _exchanged(vectors, self.dimensions, self.shape[2] // self.dimensions)
+        return _exchange(vectors, self.dimensions, self.shape[2] // self.dimensions)
 
     def __getstate__(self) -> dict[str, Any]:
-        kernels = {field.name: _by_name(getattr(self.kernels, field.name)) for field in fields(self.kernels)}
+        kernels = {field.name: _name_of(getattr(self.kernels, field.name)) for field in fields(self.kernels)}
         return {**vars(self), "kernels": kernels}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        kernels = ContinuousKernels(**{name: _found(value) for name, value in state["kernels"].items()})
+        kernels = ContinuousKernels(**{name: _find(value) for name, value in state["kernels"].items()})
         vars(self).update({**state, "kernels": kernels})
 
 
-def _exchanged(vectors: Float[np.ndarray, "... n"], rows: int, columns: int) -> Float[np.ndarray, "... n"]:
+def _exchange(vectors: Float[np.ndarray, "... n"], rows: int, columns: int) -> Float[np.ndarray, "... n"]:
     """Each vector, read as (rows, columns), by columns; a fresh array."""
     by_columns = vectors.reshape(*vectors.shape[:-1], rows, columns).swapaxes(-1, -2)
     return np.ascontiguousarray(by_columns).reshape(vectors.shape)
@@ -82,12 +82,12 @@ class _Name:
     name: str
 
 
-def _by_name(value: Any) -> Any:
+def _name_of(value: Any) -> Any:
     named = _Name(str(getattr(value, "__module__", "")), str(getattr(value, "__name__", "")))
     return named if getattr(sys.modules.get(named.module), named.name, None) is value else value
 
 
-def _found(value: Any) -> Any:
+def _find(value: Any) -> Any:
     return getattr(import_module(value.module), value.name) if isinstance(value, _Name) else value
 
 

@@ -40,7 +40,7 @@ class FiniteDriver:
         fixed = (self.transitions, self.rewards, self.mdp.start, self.limit)
         play(advance, step, {}, *fixed, parameters, self.random_states, batch)
 
-    def in_order(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+    def reorder(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """As they are."""
         return vectors
 
@@ -75,7 +75,7 @@ def tabulate(theta, probabilities, thresholds):  # type: ignore[no-untyped-def]
 
 
 @helper
-def drawn(thresholds, draw):  # type: ignore[no-untyped-def]
+def pick(thresholds, draw):  # type: ignore[no-untyped-def]
     """The first j with draw < thresholds[j], the last if none; the last is not compared.
 
     Unsigned, so that an index made of it is not looked at for being negative.
@@ -114,15 +114,15 @@ def advance(rule, transitions, rewards, start, limit, parameters, random_states,
         tabulate(parameters[run], probabilities, thresholds)
         s = start
         word = next_word(random)
-        a = np.int64(drawn(thresholds[s], word >> np.uint64(32)))
+        a = np.int64(pick(thresholds[s], word >> np.uint64(32)))
         _write_score(probabilities[s], a, scores[0])
         for t in range(limit):
             score, following, last = scores[t % 2], scores[1 - t % 2], t + 1 == limit
             place, reward = s * actions, rewards[s * actions + a]
-            s = np.int64(drawn(transitions[s, a], word & np.uint64(0xFFFFFFFF)))
+            s = np.int64(pick(transitions[s, a], word & np.uint64(0xFFFFFFFF)))
             if batch.looks_ahead or not last:
                 word = next_word(random)
-                a = np.int64(drawn(thresholds[s], word >> np.uint64(32)))
+                a = np.int64(pick(thresholds[s], word >> np.uint64(32)))
                 _write_score(probabilities[s], a, following)
             else:
                 following[:] = 0.0

@@ -126,7 +126,7 @@ class Driver(Protocol):
     def play(self, step: RuleStep, parameters: Float[np.ndarray, "B n"], batch: Batch) -> None:
         """One episode of each run: for each `open_run`, for each step `account` and the rule's step, `close_run`."""
 
-    def in_order(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+    def reorder(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Vectors that a rule has filled, in θ's order."""
 
 

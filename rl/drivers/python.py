@@ -7,8 +7,10 @@ import numpy as np
 
 from cpgrl_opt.arrays import Float, Vector
 
+from ..channels import reward_channels
 from ..policies import Policy
-from ..rollout import Step, act, episode, located, require_fitting, reward_channels
+from ..rollout import Step, act, episode, locate_errors
+from ..spaces import require_fitting
 from .interface import Batch, CompiledStep, RuleStep, Score, account, close_run, open_run
 
 
@@ -44,10 +46,10 @@ class PythonDriver:
             taken, count = later, count + 1
         following = np.zeros_like(taken.score)
         if looks_ahead and not taken.event:
-            with located(self.environment, count, run):
+            with locate_errors(self.environment, count, run):
                 _, following = act(policy, taken.following, self.rngs[run])
         yield taken, following, True
 
-    def in_order(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+    def reorder(self, vectors: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """As they are."""
         return vectors

@@ -47,10 +47,10 @@ class ExactGradient:
 
 def _require_own_answers(environment: FiniteMDP) -> None:
     """ValueError where a subclass changes the dynamics, for which the answers that it inherits no longer hold."""
-    from envs.interface import declaring_class, overridden
+    from envs.interface import declaring_class, list_overrides
 
     owner = declaring_class(environment, "policy_gradients")
-    if owner and (changed := overridden(environment, owner, ("reset", "step", "finite_kernel"))):
+    if owner and (changed := list_overrides(environment, owner, ("reset", "step", "finite_kernel"))):
         raise ValueError(
             f"{type(environment).__name__} should declare its own average_rewards and policy_gradients, since it has "
             f"its own {', '.join(changed)}; found only those that it inherits from {owner.__name__}"

@@ -13,7 +13,7 @@ import numpy as np
 
 from envs.interface.random_stream import next_word
 
-from ..drivers.finite import drawn, tabulate
+from ..drivers.finite import pick, tabulate
 from ..kernels import helper, late
 
 LANES = 4  # channels handled together, one vector register of float64
@@ -29,9 +29,9 @@ def _simulate(actions, transitions, start, random_states, visits):  # type: igno
         for run in range(runs):
             word = next_word(random_states[run])
             s = state[run]
-            a = drawn(actions[run, s], word >> np.uint64(32))
+            a = pick(actions[run, s], word >> np.uint64(32))
             visits[t, run] = s * choices + a
-            state[run] = drawn(transitions[s, a], word & np.uint64(0xFFFFFFFF))
+            state[run] = pick(transitions[s, a], word & np.uint64(0xFFFFFFFF))
 
 
 @helper

@@ -78,7 +78,7 @@ class Sampling:
     @property
     def critics(self) -> Float[np.ndarray, "B k n"]:
         """What the rule carries, in θ's order; a fresh array."""
-        return self.driver.in_order(self.memory).copy()
+        return self.driver.reorder(self.memory).copy()
 
     def episode(self, parameters: Float[np.ndarray, "B n"]) -> Estimate:
         """One episode of each run."""

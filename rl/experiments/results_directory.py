@@ -30,7 +30,7 @@ def results_directory(directory: Path, files: Sequence[str], key: Mapping[str, A
     they are. Other files are left alone. Meanwhile the directory is this process's alone. Raises
     UnusableDirectoryError where there can be no directory, FolderInUseError where another process writes into it.
     """
-    with reserved(directory):
+    with reserve(directory):
         place = place_for(directory, files, key)
         place.mkdir(exist_ok=True)
         try:
@@ -47,7 +47,7 @@ def results_directory(directory: Path, files: Sequence[str], key: Mapping[str, A
 
 
 @contextmanager
-def reserved(directory: Path) -> Iterator[None]:
+def reserve(directory: Path) -> Iterator[None]:
     """The directory, made if it is not there, for this process alone; see `results_directory` for what is raised."""
     with ExitStack() as stack:
         try:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..experiments.experiment import Experiment
 from ..experiments.registry import EXPERIMENTS, experiment_named
-from ..experiments.results_directory import reserved
+from ..experiments.results_directory import reserve
 from ..observers import ProgressBars
 from ..training import TrainingRecord
 from .cell import Outcome
@@ -38,7 +38,7 @@ def run_sweep(target: str, over: Sequence[str], out: Path, **asked: Any) -> tupl
         training = _function(target)
     chosen = {name: value for name, value in asked.items() if name != "anew"}
     trainings = len(plan(training, settings, **chosen))  # refuses before there is a folder
-    with reserved(out):  # until the curves are there too: they are of this table
+    with reserve(out):  # until the curves are there too: they are of this table
         with ProgressBars({"trainings": trainings}) as bars:
 
             def listen(done: int, _: int, outcome: Outcome) -> None:  # noqa: ARG001 - only that it is there

@@ -25,9 +25,9 @@ def store(folder: Path | None, *, anew: bool = False) -> Iterator["Store"]:
     if folder is None:
         yield Store(None)
         return
-    from ..experiments.results_directory import reserved
+    from ..experiments.results_directory import reserve
 
-    with reserved(folder):
+    with reserve(folder):
         if anew:
             (folder / OUTCOMES).unlink(missing_ok=True)
         yield Store(folder)

@@ -19,7 +19,7 @@ def require(holds: Any, should: str, found: object) -> None:
         raise ContractBroken(f"{should}; found {found}")
 
 
-def isolatable(check: Callable[..., None]) -> Callable[..., None]:
+def allow_limits(check: Callable[..., None]) -> Callable[..., None]:
     """The check with two more settings, `time_limit` in seconds and `memory_limit` in bytes.
 
     With either it runs in a process of its own, to which its arguments are pickled. What hangs, crashes or asks for

@@ -11,7 +11,7 @@ import numpy as np
 from envs.interface import continuous_kernels_of, finite_kernel_of
 
 from ..channels import event_key, find_declaration, layers
-from .contract import isolatable, require
+from .contract import allow_limits, require
 from .kernels import check_continuous_kernels, check_finite_kernel
 
 # (observation, action, next observation) → what each channel should yield, (1 + m,)
@@ -30,7 +30,7 @@ class Transition:
     given: dict[str, Any] = field(default_factory=dict)
 
 
-@isolatable
+@allow_limits
 def check_constrained_env(
     env: Any, *, steps: int = 400, seed: int = 0, expected_reward: ExpectedReward | None = None, z: float = 6.0
 ) -> None:
@@ -48,7 +48,7 @@ def check_constrained_env(
     in distribution, within `z` standard errors, so that a right environment fails with a chance of about 2e-9 a
     number compared (z = 6).
     time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
-    what hangs or crashes there is ContractBroken too (`contract.isolatable`).
+    what hangs or crashes there is ContractBroken too (`contract.allow_limits`).
     Not seen: a seed that is ignored by an environment that draws nothing, bias below the standard errors, and what
     random actions do not reach.
     """

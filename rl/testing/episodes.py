@@ -12,7 +12,7 @@ from cpgrl_opt.arrays import Bool, Float
 from envs import TabularMDP
 
 from ..policies import SoftmaxTable
-from .contract import isolatable
+from .contract import allow_limits
 from .estimators import check_averages, check_gradients, mean_estimates
 
 _STATES, _ACTIONS = 3, 2
@@ -101,7 +101,7 @@ class EpisodicEnv(gymnasium.Env[np.int64, np.int64]):
         return np.int64(self._state), reward, ends < self.mdp.quits[pair], False, {}
 
 
-@isolatable
+@allow_limits
 def check_episodic_estimator(
     estimator: Any,
     *,
@@ -126,7 +126,7 @@ def check_episodic_estimator(
     first_step: whether the first step counts in the former; it does not in GPOMDP's with the weights "paper".
     bias, up_to_scale, and where too little was sampled to tell: as in `check_gradient_estimator`.
     time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
-    what hangs or crashes there is ContractBroken too (`contract.isolatable`).
+    what hangs or crashes there is ContractBroken too (`contract.allow_limits`).
     Not seen: errors below the bias allowed; a ρ-term that is wrong by less.
     """
     for number in range(mdps):

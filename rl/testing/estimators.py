@@ -10,7 +10,7 @@ from envs import TabularMDP
 
 from ..carried import put_back, state_of
 from ..policies import SoftmaxTable
-from .contract import isolatable, require
+from .contract import allow_limits, require
 
 _STATES, _ACTIONS, _CHANNELS = 4, 3, 3
 _AVERAGES = np.array([0.1, -0.05, 0.05])
@@ -19,7 +19,7 @@ _PARTS = ("values", "gradients")  # of an estimate
 _BLIND = 0.35  # of ‖∇gⁱ‖: an error of this size must stand out from the noise, or the check says nothing
 
 
-@isolatable
+@allow_limits
 def check_gradient_estimator(
     estimator: Any,
     *,
@@ -46,7 +46,7 @@ def check_gradient_estimator(
     Δⁱ is scaled by the positive number that fits best.
     bias: what trace_decay < 1 and short episodes cost; see the estimator's own statement.
     time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
-    what hangs or crashes there is ContractBroken too (`contract.isolatable`).
+    what hangs or crashes there is ContractBroken too (`contract.allow_limits`).
     Not seen: errors below the bias allowed; environments with real vectors as states.
     """
     for number in range(mdps):

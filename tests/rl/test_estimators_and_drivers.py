@@ -260,7 +260,7 @@ class Script:
             step(course, t, Score(0, self.scores[t]), reward, Score(0, following), last)
         close_run(batch, 0, self.limit, self.event)
 
-    def in_order(self, vectors: np.ndarray) -> np.ndarray:
+    def reorder(self, vectors: np.ndarray) -> np.ndarray:
         return vectors
 
 

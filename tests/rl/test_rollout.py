@@ -7,7 +7,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from rl import GPOMDP, KondaActorCritic, LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, SoftmaxTable
-from rl.rollout import require_fitting
+from rl.spaces import require_fitting
 
 from .stand_ins import Foreign, learn
 

@@ -93,7 +93,7 @@ def b_avoids_star(evidence: ArmEvidence) -> Verdict:
 def b_touches_triangle(evidence: ArmEvidence) -> Verdict:
     """(b): at least 50 of 100 late episodes, and 60 of 100 from beside the star, end at the triangle."""
     late, beside = evidence.late("b"), evidence.beside_star
-    measured = {**_named("late", late), "late_at_least": 50, **_named("beside_star", beside)}
+    measured = {**_prefix("late", late), "late_at_least": 50, **_prefix("beside_star", beside)}
     return late["triangle"] >= 50 and beside["triangle"] >= 60, {**measured, "beside_star_at_least": 60}
 
 
@@ -154,7 +154,7 @@ def a_winner_takes_all(evidence: ArmEvidence) -> Verdict:
     second, first = (float(rate) for rate in np.sort(rates, axis=1)[:, -2:].mean(axis=0))
     winners = {name: int((rates.argmax(axis=1) == k).sum()) for k, name in enumerate(learned.arm.events)}
     measured = {"most_touched": first, "second": second, "at_least": 50, "times_second": 2}
-    return first >= max(50, 2 * second), {**measured, **_named("runs_won_by", winners)}
+    return first >= max(50, 2 * second), {**measured, **_prefix("runs_won_by", winners)}
 
 
 @STATEMENTS.add(
@@ -198,15 +198,15 @@ def projection_not_shown(evidence: ArmEvidence) -> Verdict:
     """(c) without P: every rate within 15 of 100 of (c)'s."""
     projected, whole = evidence.late("c"), evidence.late("c-no-projection")
     apart = max(abs(projected[name] - whole[name]) for name in projected)
-    rates = {**_named("with_P", projected), **_named("without_P", whole)}
+    rates = {**_prefix("with_P", projected), **_prefix("without_P", whole)}
     return apart <= 15, {"largest_difference": apart, "at_most": 15, **rates}
 
 
 def _meets(evidence: ArmEvidence, condition: str, unit: str, least: float) -> Verdict:
     average = float(evidence.curves[condition].late().average_r3(unit).mean())
     measured = {f"average_per_{unit}": average, "threshold": threshold_of_r3(condition), "at_least": least}
-    return average >= least, {**measured, **_named("late", evidence.late(condition))}
+    return average >= least, {**measured, **_prefix("late", evidence.late(condition))}
 
 
-def _named(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
+def _prefix(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
     return {f"{prefix}_{name}": value for name, value in values.items()}
