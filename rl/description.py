@@ -5,6 +5,10 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from decimal import Decimal
+from enum import Enum
+from fractions import Fraction
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -14,6 +18,7 @@ from .channels import event_key, layers
 _SHORT = 32  # numbers of an array that are told one by one
 _DEEP = 8  # dataclasses within each other
 _PLAIN = (bool, int, float, str, type(None))
+_SPOKEN = (complex, bytes, range, slice, Fraction, Decimal, PurePath, Enum)  # whose text says all
 
 
 def describe(value: Any, depth: int = _DEEP) -> Any:
@@ -22,6 +27,8 @@ def describe(value: Any, depth: int = _DEEP) -> Any:
         value = value.item()
     if isinstance(value, _PLAIN):
         return value if type(value) in _PLAIN else f"{_name(value)}: {value}"
+    if isinstance(value, _SPOKEN):
+        return f"{_name(value)}: {value!s}"
     if isinstance(value, np.ndarray):
         return _array(value)
     if hasattr(value, "__qualname__"):
@@ -30,6 +37,8 @@ def describe(value: Any, depth: int = _DEEP) -> Any:
         return _name(value)
     if isinstance(value, (tuple, list)):
         return [describe(part, depth - 1) for part in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted((describe(part, depth - 1) for part in value), key=json.dumps)
     if isinstance(value, Mapping):
         return {str(key): describe(part, depth - 1) for key, part in value.items()}
     if isinstance(value, functools.partial):

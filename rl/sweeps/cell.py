@@ -1,28 +1,27 @@
 """One training of a sweep: its settings and seed, what is recorded of it, and the key by which it is known."""
 
 import hashlib
-import inspect
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from cpgrl_opt.comparison.machine import versions
-from cpgrl_opt.comparison.sources import sources_of
+from cpgrl_opt.solvers import SOLVERS
 
-from ..description import describe
 from ..experiments.checkpoints import sources_digest
 from ..training import TrainingRecord
+from .digest import digest_of
 
 TrainingFunction = Callable[..., Iterable[TrainingRecord]]
 Measure = Callable[[TrainingRecord], Mapping[str, Any]]
 OURS = ("seed", "run", "episode", "channel", "error")  # columns that are neither settings nor measures
 ENDED_BY_SIGNAL = (129, 143)  # SIGHUP, SIGTERM, as `exit_on_termination` raises them
-_PACKAGES = ("numpy", "scipy", "numba", "gymnasium")  # whose versions may change a number
+# Whose versions may change a number, beside those of the solvers' own packages: a training may choose any of them.
+_PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "qpsolvers")
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def _in_words(error: BaseException) -> str:
 
 
 def _measured(measure: Measure, record: TrainingRecord) -> dict[str, np.ndarray]:
-    found = {name: np.asarray(value, dtype=np.float64) for name, value in measure(record).items()}
+    found = {name: np.array(value, dtype=np.float64) for name, value in measure(record).items()}
     runs = len(record.parameters)
     if not found or any(value.ndim != 2 or len(value) != runs for value in found.values()):
         shapes = {name: value.shape for name, value in found.items()}
@@ -114,44 +113,18 @@ def _since(begun: float) -> float:
     return round(time.perf_counter() - begun, 3)
 
 
-def key_of(settings: Mapping[str, Any], seed: int, context: str) -> str:
-    """A digest of what a cell's numbers depend on; context: of `context_of`."""
-    facts = [{name: describe(value) for name, value in settings.items()}, seed, context]
-    return _digest(facts)
+def keys_of(settings: Mapping[str, Any], seeds: Iterable[int], context: str) -> list[str]:
+    """For each seed, a digest of what a cell's numbers depend on; context: of `context_of`."""
+    made_of = [[name, digest_of(value, f"settings[{name!r}]")] for name, value in sorted(settings.items())]
+    return [_digest([made_of, seed, context]) for seed in seeds]
 
 
 def context_of(training: TrainingFunction, measure: Measure, every: int) -> str:
-    """A digest of what all cells of a sweep depend on: both functions and what they import, packages, `every`."""
-    return _digest([_made_of(training), _made_of(measure), every, versions(_PACKAGES), sources_digest()])
-
-
-def _made_of(function: Any) -> Any:
-    """A function's name, source, what it encloses, and the sources of its module and of all that imports."""
-    while hasattr(function, "func"):  # of functools.partial
-        return [_made_of(function.func), describe([function.args, function.keywords])]
-    found = function if hasattr(function, "__code__") else type(function)
-    try:
-        source = inspect.getsource(found)
-    except (OSError, TypeError):  # typed in where nobody keeps it
-        source = repr(_code(getattr(found, "__code__", None)))
-    enclosed = [cell.cell_contents for cell in getattr(found, "__closure__", None) or ()]
-    defaults = [getattr(found, name, None) for name in ("__defaults__", "__kwdefaults__")]  # a loop's variable, often
-    owner = getattr(found, "__self__", None) if found is function else function
-    sources = _sources_of(found.__module__ or "__main__")
-    return [found.__module__, found.__qualname__, source, describe([enclosed, defaults, owner]), sources]
-
-
-@cache
-def _sources_of(module: str) -> str:
-    """But for ours, of which `sources_digest` tells."""
-    return sources_of(module, apart=("cpgrl_opt", "envs", "rl")).digest
-
-
-def _code(code: Any) -> Any:
-    if not hasattr(code, "co_code"):
-        return code
-    return [code.co_code.hex(), code.co_names, [_code(each) for each in code.co_consts]]
+    """A digest of what all cells of a sweep depend on: both functions and all they reach, packages, `every`."""
+    packages = dict.fromkeys([*_PACKAGES, *(str(getattr(solver, "package", "")) for solver in SOLVERS.values())])
+    functions = [digest_of(training, "training"), digest_of(measure, "measure")]
+    return _digest([functions, every, versions(packages), sources_digest()])
 
 
 def _digest(facts: object) -> str:
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode(errors="surrogateescape")).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(facts).encode(errors="surrogateescape")).hexdigest()[:16]

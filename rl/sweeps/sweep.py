@@ -14,9 +14,9 @@ from cpgrl_opt.validation import require_count
 
 from ..streams import run_indices
 from ..training import TrainingRecord
-from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, key_of
+from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, keys_of
 from .engines import require_engine, unordered
-from .store import rows_of, store
+from .store import plain, rows_of, store
 
 
 def estimates(record: TrainingRecord) -> dict[str, Any]:
@@ -128,9 +128,17 @@ def plan(
     points = combinations(settings)
     _require_taken(training, points)
     context = context_of(training, measure, every)
-    cells = [Cell(point, seed, key_of(point, seed, context)) for point in points for seed in _seeds(seeds)]
-    if len({cell.key for cell in cells}) < len(cells):
-        raise ValueError(f"settings should differ in numbers, texts, names or classes; found two alike in {settings!r}")
+    numbers = list(_seeds(seeds))
+    cells = [
+        Cell(point, seed, key)
+        for point in points
+        for seed, key in zip(numbers, keys_of(point, numbers, context), strict=True)
+    ]
+    if len({tuple(map(plain, point.values())) for point in points}) < len(points):
+        raise ValueError(
+            "settings should differ in the table, in numbers, texts, names or classes; found two alike in "
+            f"{settings!r:.200}"
+        )
     return cells
 
 

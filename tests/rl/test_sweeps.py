@@ -13,6 +13,8 @@ from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 from envs import ThreeStateMDP
 from rl import CPGRL, GPOMDP, SoftmaxTable, Sweep, sweep, train
 from rl.experiments.workers import WorkerDiedError
+from rl.sweeps import estimates
+from rl.sweeps.cell import context_of, keys_of
 from rl.sweeps.curves import draw_curves, learning_curves
 
 GRID = {"solver": ["rosen", "active-set"], "threshold": [-0.1, 0.0]}
@@ -137,24 +139,28 @@ class WithThreshold:
     def __init__(self, threshold):
         self.threshold = threshold
 
-    def train(self, seed, threshold=None):
-        learner = CPGRL(ConstrainedStep(), [self.threshold if threshold is None else threshold] * 3)
+    def train(self, seed):
+        learner = CPGRL(ConstrainedStep(), [self.threshold] * 3)
         return train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(steps=5), learner, episodes=1, runs=1, seed=seed)
 
 
-@pytest.mark.parametrize(
-    "training_at",
-    [
-        lambda threshold: WithThreshold(threshold).train,
-        lambda threshold: lambda seed, threshold=threshold: WithThreshold(0.0).train(seed, threshold),
-        lambda threshold: lambda seed, *, threshold=threshold: WithThreshold(0.0).train(seed, threshold),
-        lambda threshold: lambda seed: WithThreshold(0.0).train(seed, threshold),
-    ],
-    ids=["object", "default", "keyword", "enclosed"],
-)
-def test_what_a_function_brings_along_is_part_of_the_key(training_at, tmp_path):
-    found = [sweep(training_at(threshold), [{}], seeds=1, out=tmp_path).trained for threshold in (0.0, 0.1, 0.1)]
-    assert found == [1, 1, 0]
+def test_a_cell_is_known_by_all_that_its_numbers_depend_on(monkeypatch):
+    def plain_key(training=None, measure=estimates, every=10, settings=None, seed=0):
+        training = WithThreshold(0.0).train if training is None else training
+        return keys_of({"rate": 1} if settings is None else settings, [seed], context_of(training, measure, every))[0]
+
+    changed = [
+        {"training": WithThreshold(0.1).train}, {"measure": lambda record: estimates(record)}, {"every": 11},
+        {"settings": {"rate": 2}}, {"settings": {"step": 1}}, {"seed": 1},
+    ]  # fmt: skip
+    found = {plain_key(), *(plain_key(**own) for own in changed)}
+    assert plain_key() in found
+    with monkeypatch.context() as ours:
+        ours.setattr("rl.sweeps.cell.sources_digest", lambda: "other sources of ours")
+        found.add(plain_key())
+    monkeypatch.setattr("rl.sweeps.cell.versions", lambda packages: {"osqp": "osqp" in packages})
+    found.add(plain_key())
+    assert len(found) == len(changed) + 3
 
 
 def test_a_line_that_a_killed_process_left_torn_is_trained_again(training, tmp_path):
