@@ -10,11 +10,12 @@
 """
 
 from ._worker import output_size
-from .errors import CrashError, HangError, IsolationError, MemoryLimitError
+from .errors import AnswerError, CrashError, HangError, IsolationError, MemoryLimitError
 from .isolated import Isolated, apply, call
 from .process_group import ProcessGroup, exit_on_termination
 
 __all__ = [
+    "AnswerError",
     "CrashError",
     "HangError",
     "Isolated",

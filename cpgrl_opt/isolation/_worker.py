@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 
 # A signal that nothing else uses: the caller sends it at the limit, to read where the code is.
 WHERE = getattr(signal, "SIGUSR1", None)
+_MAIN = b"__main__"
 
 
 def serve() -> None:
@@ -36,20 +37,22 @@ def serve() -> None:
         faulthandler.register(WHERE)
     with contextlib.suppress(EOFError, OSError):
         subject = None
-        send = partial(_send, outgoing)
+        send = partial(_send, outgoing, os.getpid())
         while True:
             order = pickle.load(incoming)
-            subject, reply = _carry_out(order, subject, lambda message: send(pickle.dumps((None, message))))
-            send(reply)
+            subject, kind, content = _carry_out(order, subject, lambda message: send("report", pack(message)))
+            send(kind, content)
 
 
-def _send(outgoing: BinaryIO, reply: bytes) -> None:
-    pickle.dump(reply, outgoing)
+def _send(outgoing: BinaryIO, owner: int, kind: str, content: bytes) -> None:
+    if os.getpid() != owner:  # a fork of the called code's, which would answer in its parent's name
+        os._exit(0)
+    pickle.dump((kind, content), outgoing)
     outgoing.flush()
 
 
-def _carry_out(order: bytes, subject: Any, report: Callable[[Any], None]) -> tuple[Any, bytes]:
-    """The object afterwards, and pickled (whether it came back, what came back or was raised)."""
+def _carry_out(order: bytes, subject: Any, report: Callable[[Any], None]) -> tuple[Any, str, bytes]:
+    """The object afterwards, the kind of reply ("answer", "error", "unsent") and what it says, pickled."""
     answer: Any
     try:
         function, arguments, reports = pickle.loads(order)
@@ -63,9 +66,14 @@ def _carry_out(order: bytes, subject: Any, report: Callable[[Any], None]) -> tup
             answer = getattr(subject, function.removeprefix("."))(*arguments)
         else:
             answer = function(subject, *arguments)
-        return subject, pickle.dumps((True, answer))
     except Exception as error:  # handed over, raised there
-        return subject, pickle.dumps((False, portable(error)))
+        return subject, "error", pack(portable(error))
+    try:
+        return subject, "answer", pack(answer)
+    except MemoryError as error:
+        return subject, "error", pack(portable(error))
+    except (Exception, SystemExit) as error:  # of its `__reduce__`, say
+        return subject, "unsent", pack(f"{type(answer).__name__}, {type(error).__name__}: {error}")
 
 
 def _start(memory_limit: int | None, make: bytes) -> Any:
@@ -74,10 +82,25 @@ def _start(memory_limit: int | None, make: bytes) -> Any:
     return pickle.loads(make)()
 
 
+def pack(value: Any) -> bytes:
+    """The value pickled, with its class where that is of the caller's `__main__`: here another module has that name."""
+    try:
+        packed = pickle.dumps(value)
+    except MemoryError:
+        raise
+    except Exception:
+        packed = _MAIN
+    if _MAIN in packed:
+        import cloudpickle
+
+        packed = cloudpickle.dumps(value)
+    return packed
+
+
 def portable(error: Exception) -> Exception:
     """The exception with its traceback as a note; as a RuntimeError if it does not survive pickling."""
     try:
-        again: Exception = pickle.loads(pickle.dumps(error))
+        again: Exception = pickle.loads(pack(error))
     except Exception:  # an __init__ of other arguments than args
         again = RuntimeError(f"{type(error).__name__}: {error}")
     again.add_note("in another process:\n" + "".join(traceback.format_exception(error)))

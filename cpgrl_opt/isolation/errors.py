@@ -15,3 +15,7 @@ class CrashError(IsolationError):
 
 class MemoryLimitError(IsolationError, MemoryError):
     """The call asked for more memory than it was given."""
+
+
+class AnswerError(IsolationError):
+    """The answer could not be brought back, since it cannot be pickled or unpickled; the message says why."""

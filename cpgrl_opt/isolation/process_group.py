@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from subprocess import Popen, TimeoutExpired
@@ -37,6 +38,7 @@ class ProcessGroup:
 
     def __init__(self, command: Sequence[str], **settings: Any) -> None:
         self._lock = threading.Lock()
+        _GROUPS.add(self)
         self._lifeline: int | None = None
         if not _HAS_GROUPS:
             self.process: Popen[bytes] = Popen(command, **settings)
@@ -52,7 +54,7 @@ class ProcessGroup:
             os.close(held)
 
     def kill(self) -> None:
-        """End the process and all others of its group, from any thread; harmless once they are gone.
+        """End the process and all others of its group, from any thread; harmless once they are gone, or in a fork.
 
         `process.returncode` is then known: what the process ended with before, or −9.
         """
@@ -64,6 +66,25 @@ class ProcessGroup:
                     self.process.wait(_GRACE)
             self.process.kill()
             self.process.wait()
+
+    def disown(self) -> None:
+        """Let the lifeline go in a fork of the caller's, which neither keeps the process alive nor ends it.
+
+        `kill` there ends nothing either: `Popen` finds no child of that number.
+        """
+        if self._lifeline is not None:
+            os.close(self._lifeline)
+            self._lifeline = None
+
+
+def _disown_all() -> None:
+    for group in _GROUPS:
+        group.disown()
+
+
+_GROUPS: "weakref.WeakSet[ProcessGroup]" = weakref.WeakSet()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_disown_all)
 
 
 @contextlib.contextmanager

@@ -39,7 +39,7 @@ def run_tasks(
     for each in enumerate(items):
         waiting.put(each)
     news: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
-    crew = [Isolated(task, time_limit=_NO_LIMIT, is_heard=True) for _ in range(min(processes, len(items)))]
+    crew = [Isolated(task, time_limit=_NO_LIMIT, shows_output=True) for _ in range(min(processes, len(items)))]
     results: dict[int, Result] = {}
     try:
         for worker in crew:

@@ -12,19 +12,20 @@ import pytest
 
 from cpgrl_opt import SOLVERS, DirectionProblem
 from cpgrl_opt.isolation import (
+    AnswerError,
     CrashError,
     HangError,
     Isolated,
-    IsolationError,
     MemoryLimitError,
     call,
     exit_on_termination,
 )
+from cpgrl_opt.isolation._process import Process
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="process groups are POSIX")
 
 MISCONDUCT = """
-import ctypes, os, re, signal, time
+import ctypes, os, re, signal, sys, threading, time
 
 def hold():  # whoever is alive holds the named pipe
     os.open("held", os.O_WRONLY)
@@ -65,6 +66,12 @@ def fork_and_loop():
     os.fork()
     loop()
 
+def fork_and_fail():
+    if os.fork() == 0:
+        return
+    time.sleep(0.2)  # the fork is the first to be done
+    raise ValueError("of the parent")
+
 def daemon_and_exit():
     if os.fork() == 0:
         os.setsid()
@@ -95,6 +102,26 @@ def eat():
 def fail():
     raise ValueError("broken")
 
+def answer_a_lock():
+    return threading.Lock()
+
+class Leaving:
+    def __init__(self, when):
+        self.when = when
+
+    def __reduce__(self):
+        return sys.exit() if self.when == "packed" else (sys.exit, ())
+
+def answer_that_exits_here():
+    return Leaving("packed")
+
+def answer_that_exits_there():
+    return Leaving("unpacked")
+
+def report_without_end(_, report):
+    while True:
+        report("again")
+
 def burn(_):
     while True:
         pass
@@ -106,7 +133,6 @@ def echo(_, what):
     return what
 
 def stop_soon(_):
-    import threading
     threading.Timer(0.1, stop).start()
 
 class Solver:
@@ -115,7 +141,10 @@ class Solver:
     def solve(self, act):
         hold()
         print(f"about to {act}")
-        globals()[act]()
+        return globals()[act]()
+
+    def keyword(self, *, time_limit):
+        return time_limit
 """
 # what it does → (what is raised, words in the message)
 KILL_TABLE = {
@@ -135,6 +164,10 @@ KILL_TABLE = {
     "kill_supervisor": (CrashError, "signal SIGKILL"),
     "eat": (MemoryLimitError, "more memory than 1073741824 bytes"),
     "fail": (ValueError, "^broken\n"),
+    "fork_and_fail": (ValueError, "^of the parent\n"),
+    "answer_a_lock": (AnswerError, "can be pickled should come back; found lock, TypeError: cannot pickle"),
+    "answer_that_exits_here": (AnswerError, "found Leaving, SystemExit"),
+    "answer_that_exits_there": (AnswerError, "can be unpickled should come back; found SystemExit"),
 }
 NEEDS_LINUX = {"daemon_and_exit", "daemon_and_stop", "eat", "kill_supervisor"}
 
@@ -182,11 +215,11 @@ def test_whatever_it_does_has_a_name_and_leaves_nothing_and_the_next_call_is_ans
     lost, threads = room.losses, threading.active_count()
     with pytest.raises(kind, match=words) as told:
         room.solve(act)
-    assert room.losses - lost == issubclass(kind, IsolationError) - (kind is MemoryLimitError)
+    assert room.losses - lost == (kind in (HangError, CrashError) or act == "answer_that_exits_there")
     if room.losses > lost:
         assert not is_held(pipe), "a process is left"
         assert threading.active_count() <= threads
-    else:
+    elif kind is not AnswerError:
         assert "in solve" in str(getattr(told.value.__cause__ or told.value, "__notes__", ""))
     assert room.tolerance == 1e-3
 
@@ -197,6 +230,17 @@ def test_a_limit_of_processor_time_is_one_of_work_and_not_of_sleep(room):
     assert room.apply(misconduct.rest, cpu_limit=0.05, time_limit=60.0) is None
     with pytest.raises(HangError, match=r"0\.2 s of processor time; it was at .* in burn"):
         room.apply(misconduct.burn, cpu_limit=0.2, time_limit=60.0)
+
+
+def test_what_reports_without_end_has_the_same_limits(room):
+    import misconduct
+
+    def listen(_):
+        assert time.monotonic() < latest, "it goes on far beyond the limit"
+
+    latest = time.monotonic() + 60
+    with pytest.raises(HangError, match=r"no answer within 0.5 s; it was at .* in report_without_end"):
+        room.apply(misconduct.report_without_end, listen=listen)
 
 
 def test_what_is_sent_to_a_stopped_process_does_not_hold_the_caller(room):
@@ -220,6 +264,25 @@ def test_another_thread_may_end_it_in_the_midst_of_a_call(folder):
         room.solve("sleep")
 
 
+def test_another_thread_may_end_it_while_it_starts(folder, monkeypatch):
+    import misconduct
+
+    class Closed(Process):
+        def __init__(self, *settings):
+            closing.start()
+            while not room._is_closed:
+                time.sleep(0.01)
+            super().__init__(*settings)
+
+    room = Isolated(misconduct.Solver(), time_limit=2.0)
+    closing = threading.Thread(target=room.close)
+    monkeypatch.setattr("cpgrl_opt.isolation.isolated.Process", Closed)
+    with pytest.raises(CrashError, match="was closed"):
+        room.solve("sleep")
+    closing.join(60)
+    assert not closing.is_alive()
+
+
 def test_after_ctrl_c_the_next_call_gets_its_own_answer(room, hears_interrupts):
     import misconduct
 
@@ -240,15 +303,42 @@ def test_a_solver_looks_the_same_and_the_callers_process_is_not_touched(capfd):
             return super().solve(problem)
 
     with Isolated(Loud(), time_limit=60.0) as solver:
+        assert repr(solver) == "Isolated(not started)"
         alone, own = SOLVERS["nnls"].solve(problem), solver.solve(problem)
         assert (own.value.tobytes(), own.status) == (alone.value.tobytes(), alone.status)
         assert solver.supports(problem) is True
         assert solver.tolerance == SOLVERS["nnls"].tolerance
         assert not hasattr(solver, "session")
-        assert repr(solver).startswith("Isolated(")
+        assert "Loud" in repr(solver)
+    assert repr(solver) == "Isolated(closed)"
     assert capfd.readouterr() == ("", "")
     assert (sys.stdout, sys.stderr, signal.getsignal(signal.SIGTERM), threading.active_count()) == before
     assert call(lambda x: x + 1, 2, time_limit=60.0) == 3
+
+
+def test_a_method_gets_its_keywords_also_those_of_apply(room):
+    assert room.keyword(time_limit="its own") == "its own"
+
+
+MAIN = """
+from cpgrl_opt.isolation import Isolated
+class Answer: pass
+class Refusal(Exception): pass
+def refuse(_, answer): raise Refusal("no")
+class Solver:
+    def solve(self, problem): return Answer()
+with Isolated(Solver(), time_limit=60.0) as room:
+    answer = room.solve(1)
+    assert type(answer) is Answer
+    try:
+        room.apply(refuse, answer)
+    except Refusal as refusal:
+        print(refusal)
+"""
+
+
+def test_classes_and_functions_of_main_go_there_and_come_back():
+    assert subprocess.check_output([sys.executable, "-c", MAIN], text=True).splitlines()[0] == "no"
 
 
 @pytest.mark.parametrize("name", ["time_limit", "memory_limit"])
@@ -270,7 +360,7 @@ def test_a_limit_of_memory_may_be_written_as_one_likes(limit):
 
 
 CALLER = """
-import sys
+import os, sys, time
 from cpgrl_opt.isolation import Isolated, exit_on_termination
 import misconduct
 with exit_on_termination():
@@ -279,6 +369,10 @@ with exit_on_termination():
         room.apply(misconduct.echo, 1)
         misconduct.hold()
         sys.exit(0)
+    if "fork" in sys.argv[2]:
+        room.apply(misconduct.echo, 1)
+        if os.fork() == 0:
+            time.sleep(600)
     room.solve(sys.argv[1])
 """
 
@@ -288,7 +382,7 @@ with exit_on_termination():
     [
         ("daemon_and_stop", "SIGKILL"),
         ("fork_and_loop", "SIGKILL to the group"),
-        ("fork_and_loop", "SIGTERM"),
+        ("sleep", "SIGKILL beside a fork"),
         ("daemon_and_stop", "SIGHUP"),
         ("sleep", "exit"),
     ],
@@ -307,6 +401,8 @@ def test_whatever_ends_the_caller_ends_what_it_started(act, end, folder, pipe):
         (os.killpg if "group" in end else os.kill)(caller.pid, number)
         assert caller.wait(60) == (-number if number == signal.SIGKILL else 128 + number)
     assert not is_held(pipe)
+    if "fork" in end:
+        os.killpg(caller.pid, signal.SIGKILL)
 
 
 def is_open(pipe):

@@ -259,7 +259,7 @@ def test_hangs_and_crashes_shrink(folder, monkeypatch, solver, words):
 
 
 def test_a_module_that_never_imports_is_refused(folder, monkeypatch):
-    monkeypatch.setattr("cpgrl_opt.isolation.isolated.START_LIMIT", 0.05)
+    monkeypatch.setattr("cpgrl_opt.isolation._process.START_LIMIT", 0.05)
     with pytest.raises(CannotCheck, match="should import and answer a problem; found no answer within"):
         check_target("users_solvers:good")
 

@@ -56,7 +56,7 @@ def no_process_is_left(monkeypatch):
         started.append(ProcessGroup(*arguments, **settings))
         return started[-1]
 
-    monkeypatch.setattr("cpgrl_opt.isolation.isolated.ProcessGroup", start)
+    monkeypatch.setattr("cpgrl_opt.isolation._process.ProcessGroup", start)
     yield
     assert all(group.process.returncode is not None for group in started)
 
