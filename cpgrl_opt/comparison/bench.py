@@ -122,7 +122,11 @@ class Bench:
     def measure(self, order: Order) -> Measurement:
         """What the contestant does with the problem that `prepare` has drawn for the same order."""
         candidate, problem, started = self.candidate, self.at.problem, self.started
-        if not candidate.supports(problem):
+        try:
+            is_taken = candidate.supports(problem)
+        except Exception:  # whatever a third party raises is its outcome
+            return unanswered(order, started, CRASHED)
+        if not is_taken:
             return measured(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
         silent = output_size()
         own = problem.copied()  # what it does to its arrays, flags or no flags, the judge and the others do not see
@@ -135,7 +139,10 @@ class Bench:
             judgement = HUNG
         if direction is None or judgement is HUNG:
             return unanswered(order, started, judgement, noise=output_size() != silent)
-        seconds, ratio = timed(candidate.solve, self.default, own, first=first, repeats=order.repeats)
+        try:
+            seconds, ratio = timed(candidate.solve, self.default, own, first=first, repeats=order.repeats)
+        except Exception:  # at a later call, or of the default: what it made of the arrays is no problem any more
+            return unanswered(order, started, CRASHED, noise=output_size() != silent)
         noise = output_size() != silent
         return measured(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise)
 
@@ -166,7 +173,7 @@ def measurement_of(order: Order, bench: Isolated) -> Measurement:
         found: Measurement = bench.apply(".measure", order, time_limit=wall, cpu_limit=order.limit + _TIMING)
     except HangError:
         return unanswered(order, started, HUNG)
-    except Exception:  # also of its `supports`
+    except IsolationError:  # whatever else is raised is a fault of ours
         return unanswered(order, started, CRASHED)
     return found
 

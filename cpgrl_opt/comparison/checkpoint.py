@@ -1,4 +1,4 @@
-"""measurements.csv while it grows: a cell that is finished is on the disk, and a later run goes on from there."""
+"""measurements.csv while it grows: a cell that is finished is in it, and a later run goes on from there."""
 
 import csv
 import io

@@ -29,9 +29,14 @@ def solver_of(name: str) -> Any:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     try:
-        found = getattr(import_module(module), attribute)
-    except (ModuleNotFoundError, AttributeError) as error:
+        home = import_module(module)
+    except ModuleNotFoundError as error:
+        if not f"{module}.".startswith(f"{error.name}."):  # another, which the module imports
+            raise
         raise ValueError(f"solver should be package.module:SOLVER; found {name!r}: {error}") from error
+    if not hasattr(home, attribute):
+        raise ValueError(f"solver should be package.module:SOLVER; found no {attribute!r} in {module}")
+    found = getattr(home, attribute)
     found = found() if isinstance(found, type) else found
     if not callable(getattr(found, "solve", None)):
         raise ValueError(f"{name} should have a method solve(problem); found {found!r}")

@@ -5,9 +5,8 @@ are, bit for bit, the same.
 """
 
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -31,16 +30,15 @@ _SUFFIXES = {Case.CONE: "", Case.BOUNDS: "-bounds", Case.TANGENT: "-equality", C
 class ProblemFamily:
     """A source of problems. draw(rng): one problem, a function of the generator alone.
 
-    feasible: whether all its problems are; equality: whether constraints are equalities; well_posed: whether float64
-    determines the direction, so that the distance from the exact one means something; is_large: n > 100, where
-    fewer problems are drawn and back ends are not tried raw; feasibility: of one problem, where some are and some not.
+    feasible: whether all its problems are; well_posed: whether float64 determines the direction, so that the distance
+    from the exact one means something; is_large: n > 100, where fewer problems are drawn and back ends are not tried
+    raw; feasibility: of one problem, where some are and some not.
     """
 
     name: str
     reason: str
     draw: Draw
     feasible: bool
-    equality: bool
     well_posed: bool
     is_large: bool = False
     feasibility: Callable[[DirectionProblem], bool] | None = None
@@ -65,8 +63,7 @@ def _family(
         return make(RandomSource(rng), case, **settings)
 
     determined = feasible if well_posed is None else well_posed
-    equality = case not in (Case.CONE, Case.BOUNDS)
-    return ProblemFamily(name, reason, draw, feasible, equality, determined, is_large)
+    return ProblemFamily(name, reason, draw, feasible, determined, is_large)
 
 
 def _kinds(name: str, reason: str, make: Any, *cases: Case, **settings: Any) -> Iterator[ProblemFamily]:
@@ -161,7 +158,7 @@ def _recorded() -> Iterator[ProblemFamily]:
         for suffix, equality, what in (("", True, "as met"), ("-cone", False, "with inequalities for equalities")):
             make = partial(shipped_problem, name=name, equality=equality)
             reason = f"met while CPGRL was trained on {experiment}, {what}: what a solver is for"
-            yield case(f"recorded-{name}{suffix}", reason, make, equality=equality)
+            yield case(f"recorded-{name}{suffix}", reason, make)
 
 
 def _infeasible() -> Iterator[ProblemFamily]:
@@ -226,19 +223,3 @@ FAMILIES: Mapping[str, ProblemFamily] = MappingProxyType(
         for family in group()
     }
 )
-
-
-def families_named(patterns: Iterable[str]) -> dict[str, ProblemFamily]:
-    """The families whose names match (`opposing-*` matches many), in the order of FAMILIES.
-
-    ValueError that lists the right names where a pattern matches none.
-    """
-    chosen: set[str] = set()
-    for pattern in patterns:
-        found = {name for name in FAMILIES if fnmatchcase(name, pattern)}
-        if not found:
-            raise ValueError(
-                f"family should be one of {', '.join(FAMILIES)}, or a recording, FILE.npz; found {pattern!r}"
-            )
-        chosen |= found
-    return {name: family for name, family in FAMILIES.items() if name in chosen}

@@ -1,36 +1,61 @@
-"""Families by what a user types: the names of FAMILIES, and the paths of recordings, a family each."""
+"""Families by what a user types: names of FAMILIES and of `cpgrl_opt.problems`, and paths of recordings."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
-from .families import FAMILIES, ProblemFamily, families_named
+from .. import problems
+from ..exact import exact_answer
+from .families import FAMILIES, ProblemFamily
 from .recording import load_recording
 from .replay import recorded_family
 
 _SUFFIX = ".npz"
 
 
+# Those of the conformance kit and of users, at the settings that these draw; FAMILIES has the same at fixed ones.
+REGISTERED: Mapping[str, ProblemFamily] = {
+    name: ProblemFamily(
+        name, family.reason, family.draw, family.feasible is True, family.well_posed,
+        feasibility=(lambda problem: exact_answer(problem).feasible) if family.feasible is None else None,
+    )
+    for name, family in problems.FAMILIES.items() if name not in FAMILIES
+}  # fmt: skip
+_NAMED = {**FAMILIES, **REGISTERED}
+
+
 def family_named(name: str) -> ProblemFamily:
-    """FAMILIES[name], or the problems of the recording at the path `name`. ValueError for a file that is none."""
-    return FAMILIES[name] if name in FAMILIES else _recorded(name, _stamp(Path(name)))
+    """The family of that name, or of the recording at the path `name`. ValueError for a file that is none."""
+    return _NAMED[name] if name in _NAMED else _recorded(name, _stamp(Path(name)))
 
 
 def families_asked(names: Iterable[str]) -> dict[str, ProblemFamily]:
-    """The families of FAMILIES whose names match, in its order, then the recordings `path/to/subproblems.npz`.
+    """The families of FAMILIES that a pattern matches (`opposing-*` matches many), in its order.
 
+    Then those of `cpgrl_opt.problems` by their names, and the recordings `path/to/subproblems.npz`.
     ValueError that lists the right names where one matches nothing, or that says what is wrong with a file.
     """
-    typed = list(names)
-    paths = [name for name in typed if name.endswith(_SUFFIX)]
-    found = families_named(name for name in typed if name not in paths)
-    return found | {str(Path(path)): family_named(str(Path(path))) for path in paths}
+    chosen: set[str] = set()
+    paths: list[str] = []
+    for typed in names:
+        if typed.endswith(_SUFFIX):
+            paths.append(str(Path(typed)))
+            continue
+        found = {name for name in FAMILIES if fnmatchcase(name, typed)} or {typed} & REGISTERED.keys()
+        if not found:
+            raise ValueError(
+                f"family should be one of {', '.join(FAMILIES)}, one of cpgrl_opt.problems, {', '.join(REGISTERED)}, "
+                f"or a recording, FILE.npz; found {typed!r}"
+            )
+        chosen |= found
+    return {name: _NAMED[name] for name in _NAMED if name in chosen} | {path: family_named(path) for path in paths}
 
 
 def digests(names: Iterable[str]) -> dict[str, str]:
     """SHA-256 of the recordings among the names: another recording at the same path is another family."""
-    return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in names if name not in FAMILIES}
+    return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in names if name not in _NAMED}
 
 
 @lru_cache(maxsize=8)

@@ -92,8 +92,8 @@ def recorded_family(recording: Recording, name: str) -> ProblemFamily:
 
     return ProblemFamily(
         name, f"problems met in training ({', '.join(recording.trainings)})", draw,
-        feasible=all(feasible for feasible, _ in facts), equality=bool(recording.equality.any()),
-        well_posed=all(well_posed for _, well_posed in facts), is_large=recording.gradient.shape[1] > 100,
+        feasible=all(feasible for feasible, _ in facts), well_posed=all(well_posed for _, well_posed in facts),
+        is_large=recording.gradient.shape[1] > 100,
         feasibility=_is_feasible,
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Every solver × variant on every family: each cell in a worker process, the finished ones on the disk at once."""
+"""Every solver × variant on every family: each cell in a worker process, the finished ones written at once."""
 
 import queue
 from collections.abc import Callable, Collection, Iterator, Sequence

@@ -5,11 +5,14 @@ import pytest
 
 from cpgrl_opt import Direction, Status, kkt_residuals
 from cpgrl_opt.certify import farkas_residual
-from cpgrl_opt.comparison.families import ANGLES, FAMILIES, families_named
+from cpgrl_opt.comparison.families import ANGLES, FAMILIES
+from cpgrl_opt.comparison.named_families import families_asked, family_named
 from cpgrl_opt.exact import exact_answer, exact_trust_region, is_small_enough
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.scaling import unit_rows
 from cpgrl_opt.testing.law import varied
+
+EQUALITIES = "mixed", "recorded-three-state", "recorded-arm"
 
 
 def problems(name: str, count: int = 3) -> list[DirectionProblem]:
@@ -26,7 +29,7 @@ def test_a_problem_depends_on_family_seed_and_number_alone_and_has_the_verdict_p
     assert len(set(bits)) == 3
     for problem in (first, *others):
         assert is_small_enough(problem) != family.is_large
-        assert problem.equality.any() == family.equality
+        assert problem.equality.any() == (name.endswith(EQUALITIES) or "-equality" in name)
         assert family.is_large or exact_answer(problem).feasible == family.feasible
 
 
@@ -81,8 +84,16 @@ def test_exact_answers_rounded_pass_the_referee_where_float64_determines_them() 
 
 
 def test_patterns_choose_families_and_a_wrong_name_is_answered_with_the_right_ones() -> None:
-    chosen = list(families_named(["opposing-1e-*", "zero-rows"]))
+    chosen = list(families_asked(["touching", "opposing-1e-*", "zero-rows", "zero rows"]))
     assert chosen[:2] == ["opposing-1e-2", "opposing-1e-4"]
-    assert "zero-rows" in chosen
-    with pytest.raises(ValueError, match=r"family should be one of well-conditioned, .*; found 'nosuch'"):
-        families_named(["nosuch"])
+    assert chosen[-3:] == ["zero-rows", "zero rows", "touching"]
+    with pytest.raises(ValueError, match=r"one of well-conditioned, .*, ordinary, .*FILE.npz; found 'nosuch'"):
+        families_asked(["nosuch"])
+
+
+@pytest.mark.parametrize("name", ["ordinary", "infeasible", "touching"])
+def test_the_families_of_the_kit_are_drawn_too_with_their_verdicts(name: str) -> None:
+    family = family_named(name)
+    for number in range(4):
+        problem = family.problem(number, 0)
+        assert family.is_feasible(problem) == exact_answer(problem).feasible

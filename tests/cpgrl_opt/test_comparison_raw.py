@@ -1,5 +1,7 @@
 """Raw back ends are the libraries at their defaults: signs by hand, claims passed on, scaling not mended."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,17 @@ def test_a_wrong_name_is_answered_with_the_right_ones() -> None:
         solver_of("nosuch.module:SOLVER")
     with pytest.raises(ValueError, match=r"json:dumps should have a method solve\(problem\)"):
         solver_of("json:dumps")
+    with pytest.raises(ValueError, match="found no 'SOLVER' in json"):
+        solver_of("json:SOLVER")
+
+
+@pytest.mark.parametrize(
+    ("source", "error"), [("import json; json.nosuch", AttributeError), ("import nosuch", ModuleNotFoundError)]
+)
+def test_what_a_module_raises_on_import_is_the_modules(
+    source: str, error: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / f"{error.__name__}_broken.py").write_text(source, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(error, match="nosuch"):
+        solver_of(f"{error.__name__}_broken:SOLVER")

@@ -47,8 +47,8 @@ def test_what_the_families_say_of_the_shipped_recordings_is_so(name):
     recording = shipped_recording(name)
     for suffix, own in (("", recording), ("-cone", recording.as_inequalities())):
         family, shipped = recorded_family(own, "own"), FAMILIES[f"recorded-{name}{suffix}"]
-        facts = [(each.feasible, each.equality, each.well_posed, each.is_large) for each in (family, shipped)]
-        assert facts[0] == facts[1] == (True, suffix == "", True, False)
+        facts = [(each.feasible, each.well_posed, each.is_large) for each in (family, shipped)]
+        assert facts[0] == facts[1] == (True, True, False)
         for number in range(5):
             problem = shipped.problem(number, 0)
             assert any(np.array_equal(problem.gradient, other) for other in own.gradient)

@@ -238,7 +238,7 @@ def test_what_reports_without_end_has_the_same_limits(room):
     def listen(_):
         assert time.monotonic() < latest, "it goes on far beyond the limit"
 
-    latest = time.monotonic() + 60
+    latest = time.monotonic() + 20
     with pytest.raises(HangError, match=r"no answer within 0.5 s; it was at .* in report_without_end"):
         room.apply(misconduct.report_without_end, listen=listen)
 
