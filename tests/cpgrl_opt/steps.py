@@ -25,6 +25,8 @@ def full(**settings):
 def drawn(seed, m=3, n=3, kind="generic", *, runs=(), size=1.0):
     """Rows apart, summing to 0, two that oppose each other, one that is 0, or small integers with Δ¹ in their span.
 
+    Also: Δ¹ against the sum of rows that are apart, or along it, and two rows 1e-6 rad or so from opposing.
+
     Slacks beside thresholds of 0 are about `size` and of either sign, but negative for integers.
     """
     rng = np.random.default_rng(seed)
@@ -38,6 +40,10 @@ def drawn(seed, m=3, n=3, kind="generic", *, runs=(), size=1.0):
         V[..., :1, :] = rng.integers(-2, 3, size=(*runs, 1, m)) @ V[..., 1:, :]
     if kind == "flat":
         V[..., 1, :] = 0.0
+    if kind in ("stationary", "in the span"):
+        V[..., 0, :] = (-1.0 if kind == "stationary" else 1.0) * V[..., 1:, :].sum(axis=-2)
+    if kind == "nearly opposing":
+        V[..., -1, :] = -V[..., 1, :] + 1e-6 * V[..., -1, :]
     values = size * rng.standard_normal((*runs, 1 + m))
     values = -np.abs(values) if kind == "integers" else values
     values[..., 0] = 0.0

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cpgrl_opt import Direction, DirectionProblem, ProblemBatch, Status, kkt_residuals
-from cpgrl_opt.solvers.compiled._projection import project_stacked
+from cpgrl_opt import Direction, DirectionProblem, ProblemBatch
 from cpgrl_opt.solvers.exact_core import project, project_batch
 from cpgrl_opt.solvers.thorough import solve_thoroughly
 
@@ -62,39 +61,6 @@ def test_a_batch_is_a_loop_bit_for_bit(tangent: bool) -> None:
         assert (one.status, one.iterations) == (together.status, together.iterations)
         np.testing.assert_array_equal(one.value, together.value)
         np.testing.assert_array_equal(one.multipliers, together.multipliers)
-
-
-def test_a_tangent_face_takes_no_inequality_unless_it_is_off() -> None:
-    g, J, b, E = mixed(rng_for(8))
-    answer = solved((g, J, b, E), tangent=True)
-    assert answer.status == Status.UNSUPPORTED
-    assert not answer.value.any()
-    assert not answer.multipliers.any()
-    off = solved((g, J, np.where(E, b, -np.inf), E), tangent=True)
-    assert off.status == Status.OPTIMAL
-    np.testing.assert_array_equal(off.value, solved((g, J[E], b[E], E[E])).value)
-
-
-@pytest.mark.parametrize("part", [0, 1, 2])
-@pytest.mark.parametrize("poison", [np.nan, np.inf])
-def test_nan_and_infinity_end_as_a_numerical_error(part: int, poison: float) -> None:
-    data = [array.copy() for array in touching(rng_for(10), 3, 9)]
-    data[part].flat[1] = poison
-    answer = solved(tuple(data))
-    assert answer.status == Status.NUMERICAL_ERROR
-    assert not answer.value.any()
-    assert not answer.multipliers.any()
-
-
-def test_the_kernel_judges_its_answers_as_the_referee_does() -> None:
-    rng = rng_for(13)
-    for draw in (mixed, nearly_opposing, lambda rng: touching(rng, 4, 9)):
-        data = draw(rng)
-        d, mu, report = np.empty(len(data[0])), np.empty(len(data[2])), np.empty(6)
-        project_stacked(False, 0, *data, TOLERANCE, d, mu, report)
-        assert report[0] in (Status.OPTIMAL, Status.UNCERTIFIED)
-        direction = SimpleNamespace(value=d, multipliers=mu)
-        np.testing.assert_allclose(report[2:], kkt_residuals(DirectionProblem(*data), direction), rtol=0, atol=1e-15)
 
 
 def test_a_change_in_any_file_of_the_kernels_outdates_their_cache(tmp_path: Path) -> None:

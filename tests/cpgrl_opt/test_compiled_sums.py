@@ -1,7 +1,5 @@
 """The compiled passes: of small integers every sum is exact, in any order, storage and dtype; d is rounded once."""
 
-import copy
-import pickle
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,15 +131,6 @@ def test_pairs_keep_what_single_sums_lose_and_zero_and_not_finite_are_seen(dtype
     for bad in (np.inf, np.nan):
         W = held(np.array([[1.0, bad], [1.0, 2.0]]), dtype)
         assert not Leaves(((W[0], W[1:]),)).are_finite()
-
-
-@pytest.mark.parametrize("again", [copy.deepcopy, lambda vectors: pickle.loads(pickle.dumps(vectors))])
-def test_a_copy_looks_at_its_own_arrays(again: Any) -> None:
-    vectors = ArrayVectors(np.ones(9), np.ones((2, 9)))
-    vectors.gramian()
-    copied = again(vectors)
-    vectors.gradient[:], vectors.jacobian[0][:] = 5.0, 7.0
-    np.testing.assert_array_equal(copied.gramian(), np.full((3, 3), 9.0))
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.int64, ">f8"])

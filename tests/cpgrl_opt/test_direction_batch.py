@@ -14,7 +14,6 @@ from cpgrl_opt import (
     solve,
     solve_batch,
 )
-from cpgrl_opt.solvers import is_installed
 
 
 def batch_of(rng: np.random.Generator, count: int = 4, m: int = 3, n: int = 9) -> ProblemBatch:
@@ -58,13 +57,6 @@ def test_replaced_directions_bring_their_own() -> None:
     assert (replaced[1].rung, replaced[1].residuals, replaced[1].iterations) == ("pairs", None, 7)
     assert replaced[0].residuals == batch[0].residuals
     np.testing.assert_array_equal(replaced[2].value, batch[2].value)
-
-
-@pytest.mark.parametrize("name", [name for name, solver in SOLVERS.items() if is_installed(solver)])
-def test_the_function_form_asks_the_solver_of_that_name(name: str) -> None:
-    problem = DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], equality=True)
-    np.testing.assert_allclose(solve(problem, name).value, [0.0, 1.0], atol=1e-8)
-    np.testing.assert_allclose(solve(problem, SOLVERS[name]).value, [0.0, 1.0], atol=1e-8)
 
 
 def test_the_function_form_believes_no_claim() -> None:

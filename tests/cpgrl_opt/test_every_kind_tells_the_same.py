@@ -4,7 +4,6 @@ Problems are made longer by zeros, and all count as long, so that the kinds are 
 together as arrays first.
 """
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -15,44 +14,19 @@ from hypothesis import strategies as st
 
 from cpgrl_opt import Direction, DirectionProblem, Status, solve
 from cpgrl_opt.comparison.families import FAMILIES
-from cpgrl_opt.compensated import Pair
 from cpgrl_opt.testing import FAMILIES as KIT_FAMILIES
 from cpgrl_opt.testing import problems_of
-from cpgrl_opt.vectors import ArrayVectors, Sharded
+from cpgrl_opt.vectors import Sharded
 from cpgrl_opt.vectors._bfloat16 import narrow, widen
 
+from .kinds import InPairs, Kept, Ranks
+
 pytestmark = pytest.mark.usefixtures("every_problem_is_long")
-# Of a family each solves so many: two of its first, and of the kit's as many as are drawn.
-PROBLEMS, EXAMPLES = 2, 4
+# Of a family each solves so many: its first, and of the kit's as many as are drawn.
+PROBLEMS, EXAMPLES = 1, 2
 # What rounding to the shortest dtype leaves of a direction, of the larger of ‖d‖ and ‖g‖.
 ROUNDING = {"float64": 1e-9, "float32": 2.0**-23, "bfloat16": 2.0**-7}
 Solved = tuple[Direction, np.ndarray]
-
-
-class Small:
-    """An object of the caller's."""
-
-    def __init__(self, V: np.ndarray) -> None:
-        self.V, self.vectors = V, ArrayVectors(V[0], V[1:])
-
-    def gramian(self) -> np.ndarray:
-        return self.vectors.find_gramian()
-
-    def lincomb(self, weights: np.ndarray) -> Any:
-        return self.vectors.form(Pair(weights, np.zeros(len(weights))), weights)[0]
-
-    def extended(self, *vectors: Any) -> "Small":
-        return type(self)(np.vstack([self.V, *vectors]))
-
-
-class Own(Small):
-    """One that offers pairs too."""
-
-    def gramian_in_pairs(self) -> Pair:
-        return self.vectors.gramian_in_pairs()
-
-    def lincomb_in_pairs(self, hi: np.ndarray, lo: np.ndarray) -> Any:
-        return self.vectors.form(Pair(hi, lo), hi)[0]
 
 
 def in_one(make: Callable[..., DirectionProblem]) -> Callable[..., Solved]:
@@ -96,24 +70,12 @@ def on_a_device(V: np.ndarray, **rest: Any) -> DirectionProblem:
 
 
 def in_two_parts(V: np.ndarray, **rest: Any) -> Solved:
-    meeting, slots, found = threading.Barrier(2, timeout=20.0), [np.empty(0)] * 2, list[Any]([None, None])
     parts = V[:, : V.shape[1] // 3], V[:, V.shape[1] // 3 :]
 
-    def work(rank: int) -> None:
-        def gather(numbers: np.ndarray) -> list[np.ndarray]:
-            slots[rank] = numbers.copy()
-            meeting.wait()
-            gathered = list(slots)
-            meeting.wait()
-            return gathered
+    def work(rank: int, gather: Any) -> Direction:
+        return solve(DirectionProblem(Sharded(parts[rank][0], parts[rank][1:], gather=gather), **rest))
 
-        found[rank] = solve(DirectionProblem(Sharded(parts[rank][0], parts[rank][1:], gather=gather), **rest))
-
-    threads = [threading.Thread(target=work, args=(rank,)) for rank in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    found = Ranks(2).run(work)
     return found[0], np.concatenate([each.value for each in found])
 
 
@@ -121,8 +83,8 @@ KINDS: dict[str, tuple[Callable[..., Solved], str]] = {
     "tree": (in_form(as_tree), "float64"),
     "tensors": (in_form(as_tensors("float64")), "float64"),
     "tensors on a device": (in_one(on_a_device), "float64"),
-    "object": (in_one(lambda V, **rest: DirectionProblem(Own(V), **rest)), "float64"),
-    "object without pairs": (in_one(lambda V, **rest: DirectionProblem(Small(V), **rest)), "float64"),
+    "object": (in_one(lambda V, **rest: DirectionProblem(InPairs(V), **rest)), "float64"),
+    "object without pairs": (in_one(lambda V, **rest: DirectionProblem(Kept(V), **rest)), "float64"),
     "two processes": (in_two_parts, "float64"),
     "float32": (in_form(lambda v: v.astype(np.float32)), "float32"),
     "tensors of float32": (in_form(as_tensors("float32")), "float32"),

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpgrl_opt import SOLVERS, DirectionProblem, ProblemBatch, Status, WithGeometry, farkas_residual, kkt_residuals
-from cpgrl_opt.solvers import is_installed, solve_batch, supports
+from cpgrl_opt import SOLVERS, DirectionProblem, Status, farkas_residual, kkt_residuals
+from cpgrl_opt.solvers import is_installed
 from cpgrl_opt.testing import Case, problems_out_of_reach
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -200,73 +200,3 @@ def test_a_ball_that_does_not_matter_leaves_the_shortest_of_the_best():
     assert answer.radius_multiplier == 0.0
     vertex = DirectionProblem([1.0, 1.0], [[-1.0, 0.0], [0.0, -1.0]], [-1.0, -2.0], radius=1e9)
     np.testing.assert_allclose(certified(vertex).value, [1.0, 2.0], rtol=1e-14)
-
-
-@pytest.mark.parametrize("name", INSTALLED)
-@pytest.mark.parametrize("radius", [None, 0.8])
-@pytest.mark.parametrize("bound", [0.0, 0.4])
-def test_every_solver_takes_metric_and_radius(name, radius, bound):
-    solver = SOLVERS[name]
-    for seed in (1, 2):
-        problem = random_problem(
-            seed, radius=radius, bound=bound, equality=name == "rosen", m=1 if "drop" in name else 2
-        )
-        if not supports(solver, problem):
-            assert solver.solve(problem).status == Status.UNSUPPORTED
-            continue
-        answer, expected = solver.solve(problem), ACTIVE_SET.solve(problem)
-        assert answer.status == expected.status
-        assert length(problem, answer.value - expected.value) <= 1e-6
-        if answer.status == Status.OPTIMAL:
-            assert kkt_residuals(problem, answer).worst <= solver.tolerance
-
-
-@pytest.mark.parametrize("radius", [None, 0.8])
-@pytest.mark.parametrize("name", ["active-set", "nnls"])
-def test_a_batch_in_a_geometry_is_its_members(name, radius):
-    problems = [random_problem(seed, radius=radius, bound=0.4) for seed in range(5)]
-    batch = ProblemBatch.stack(problems)
-    for answer, problem in zip(solve_batch(SOLVERS[name], batch), problems, strict=True):
-        alone = SOLVERS[name].solve(problem)
-        assert answer.status == alone.status
-        np.testing.assert_array_equal(answer.value, alone.value)
-        assert answer.radius_multiplier == alone.radius_multiplier
-
-
-class Plain:
-    """A third party's cone solver that declares nothing and has never heard of metrics."""
-
-    def solve(self, problem):
-        return ACTIVE_SET.solve(DirectionProblem(problem.gradient, problem.jacobian, problem.bound, problem.equality))
-
-
-def test_a_solver_that_declares_nothing_takes_no_geometry_until_it_is_wrapped():
-    problem = random_problem(0, radius=0.5, bound=0.2)
-    assert not supports(Plain(), problem)
-    assert supports(Plain(), random_problem(0, kind=None))
-    wrapped = WithGeometry(Plain())
-    assert supports(wrapped, problem)
-    np.testing.assert_allclose(wrapped.solve(problem).value, ACTIVE_SET.solve(problem).value, rtol=1e-12)
-    assert wrapped.solve_batch([problem, problem])[1].status == Status.OPTIMAL
-
-
-class Counting(Plain):
-    """How often the cone solver is asked."""
-
-    calls = 0
-
-    def solve(self, problem):
-        self.calls += 1
-        return super().solve(problem)
-
-
-@pytest.mark.parametrize("bound", [0.0, 0.4])
-def test_the_search_ends_with_the_face(bound):
-    """One projection where b = 0; else the shortest direction and a few steps, not a bisection."""
-    calls = []
-    for seed in range(20):
-        solver = Counting()
-        problem = random_problem(seed, radius=0.8, bound=bound)
-        if WithGeometry(solver).solve(problem).status == Status.OPTIMAL:
-            calls.append(solver.calls)
-    assert max(calls) <= (1 if bound == 0.0 else 8)

@@ -68,14 +68,6 @@ def test_storage_of_any_strides_is_read_in_pairs_and_by_the_referee_too(storage)
         assert found.worst == pytest.approx(kkt_residuals(DirectionProblem(g, J), answer).worst, abs=1e-14)
 
 
-def test_single_precision_gives_the_rounded_answer_of_an_array_in_double():
-    single = WIDE[:4].astype(np.float32)
-    V = single.astype(np.float64)
-    plain = ACTIVE_SET.solve(DirectionProblem(V[0], V[1:]))
-    answer = ACTIVE_SET.solve(DirectionProblem(single[0], single[1:]))
-    np.testing.assert_array_equal(answer.value, plain.value.astype(np.float32))
-
-
 def test_short_problems_are_copied():
     with on_rows():
         assert not np.shares_memory(DirectionProblem(WIDE[0], WIDE[1:4]).jacobian, WIDE)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import ConstrainedStep, DirectionProblem, Linearization, ProblemBatch
-from cpgrl_opt.scaling import lengths, unit_rows
 from cpgrl_opt.solvers import ActiveSet
 
 GOOD = {"gradient": [1.0, 2.0], "jacobian": [[1.0, 0.0], [0.0, 1.0]], "bound": [0.0, 1.0], "equality": [False, True]}
@@ -162,20 +161,3 @@ def test_a_copy_of_problems_is_the_same_in_arrays_of_its_own():
 @pytest.mark.parametrize("kind", [DirectionProblem, ProblemBatch])
 def test_problems_that_were_pickled_when_they_had_one_file_are_found(kind):
     assert pickle.loads(f"ccpgrl_opt.problem\n{kind.__name__}\n.".encode()) is kind
-
-
-@pytest.mark.parametrize("scale", [1e-300, 1e-170, 1.0, 1e170, 1e300])
-def test_unit_rows_have_length_one_at_any_scale(scale):
-    jacobian = np.random.default_rng(0).standard_normal((4, 6))
-    jacobian[2] = 0.0
-    rows = unit_rows(scale * jacobian)
-    np.testing.assert_allclose(np.linalg.norm(rows.jacobian, axis=1), [1, 1, 0, 1], rtol=1e-15)
-    np.testing.assert_allclose(lengths(scale * jacobian), scale * np.linalg.norm(jacobian, axis=1), rtol=1e-14)
-
-
-@pytest.mark.parametrize("neighbour", [0.0, 1e-170, 1e170])
-def test_a_length_does_not_depend_on_the_vectors_beside_it(neighbour):
-    vectors = np.random.default_rng(3).normal(size=(200, 7))
-    in_company = lengths(np.concatenate([vectors, np.full((1, 7), neighbour)]))
-    np.testing.assert_array_equal(in_company[:-1], [lengths(vector) for vector in vectors])
-    np.testing.assert_allclose(in_company[-1], neighbour * np.sqrt(7), rtol=1e-14)

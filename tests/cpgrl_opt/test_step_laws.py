@@ -47,7 +47,6 @@ def test_many_runs_at_once_are_the_same_runs_one_by_one(formulation, chosen, met
 
 
 FORMS = {
-    "identity": (np.eye(3), np.eye(3)),
     "diagonal": (np.diag([1.0, 4.0, 0.5]), np.array([1.0, 4.0, 0.5])),
     "dense": (METRIC, METRIC),
     "function": (METRIC, METRIC.__matmul__),
@@ -60,7 +59,7 @@ def test_a_metric_changes_the_coordinates_and_nothing_else(formulation, chosen, 
     """M = LLᵀ: Lᵀ change is the step on the rows L⁻¹J, and everything that is said of it the same."""
     M, metric = FORMS[form]
     root = np.linalg.cholesky(M)
-    for kind in ("generic", "sum", "integers"):
+    for kind in ("generic", "integers"):
         given = drawn(5, kind=kind)
         euclidean = Linearization(given.values, np.linalg.solve(root, given.gradients.T).T)
         there, here = (
@@ -79,7 +78,7 @@ def test_every_solver_makes_the_same_step(name, formulation):
     if not is_usable(solver):
         pytest.skip(f"{name} is not installed")
     bounds = DirectionProblem([1.0, 1.0], [[-1.0, 0.0]], bound=[-0.5])
-    for kind, radius in (("generic", None), ("sum", None), ("generic", 0.5)):
+    for kind, radius in (("sum", None), ("generic", 0.5)):
         given, chosen = drawn(2, kind=kind), {"formulation": formulation, "radius": radius, "slack_fraction": 0.5}
         chosen = chosen if formulation == "linearized" else {**chosen, "slack_fraction": 1.0}
         result, exact = (full(solver=each, **chosen)(given, np.zeros(3)) for each in (solver, "active-set"))
@@ -115,7 +114,7 @@ WAYS = {
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), m=st.integers(0, 2), rate=st.sampled_from([0.0, 0.05]))
 def test_a_step_proves_its_change(formulation, way, seed, m, rate):
     linearization = drawn(seed, m, size=0.1)
@@ -147,12 +146,12 @@ def test_changes_scale_with_the_gradients_and_restorations_with_their_inverse(fo
 
 @pytest.mark.parametrize("solver", ["active-set", "rosen"])
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("runs", [(), (1,), (20,), (2, 3)])
+@pytest.mark.parametrize("runs", [(), (20,), (2, 3)])
 def test_the_usual_way_in_one_compiled_call_gives_the_bits_of_the_long_way(runs, formulation, solver):
     """An observer is told of each subproblem, which the one call does not do."""
     rng = np.random.default_rng(5)
     step = ConstrainedStep(solver=solver, formulation=formulation)
-    for trial in range(12):
+    for trial in range(6):
         m = 1 + trial % 4
         gradients = rng.standard_normal((*runs, 1 + m, 7))
         if trial % 3 == 1:

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status, kkt_residuals
+from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
 from cpgrl_opt.compensated import Pair
 from cpgrl_opt.vectors import TreeVectors, _torch
 from cpgrl_opt.vectors._tensors import TensorVectors
+
+from .kinds import draw
 
 if importlib.util.find_spec("torch") is None:
     pytest.skip("PyTorch is not installed", allow_module_level=True)
@@ -23,18 +25,6 @@ def tree(v: np.ndarray, dtype: torch.dtype) -> Any:
     k = v.shape[-1] // 2
     half = torch.from_numpy(v[..., :k].copy()).to(dtype).reshape(*v.shape[:-1], 2, -1).requires_grad_()
     return {"half": half, "none": half[..., :0, 0], "rest": torch.from_numpy(v[..., k:].copy())}
-
-
-def draw(seed: int, n: int) -> np.ndarray:
-    """Numbers that bfloat16 holds: rows apart, opposing, dependent; g in their span."""
-    V = np.random.default_rng(seed).integers(-9, 10, (4, n)) / 8.0
-    if seed == 1:
-        V[2] = -V[1]
-    if seed == 2:
-        V[3] = 2.0 * V[2]
-    if seed == 3:
-        V[0] = -(V[1:].T @ [1.0, 0.0, 2.0])
-    return V
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
@@ -64,29 +54,6 @@ def test_sums_are_those_of_the_compiled_passes(
             np.testing.assert_allclose([measured.rest, measured.length], [expected.rest, expected.length], rtol=1e-12)
     np.testing.assert_array_equal(ours.whole_jacobian(), V[1:])
     assert [ours.is_zero(i) for i in range(4)] == [False] * 4
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("n", [SHORT, LONG])
-@pytest.mark.parametrize("seed", range(4))
-def test_directions_are_those_of_one_array(dtype: torch.dtype, n: int, seed: int) -> None:
-    V, rounding = draw(seed, n), DTYPES[dtype]
-    for settings in ({}, {"radius": 2.0}, {"metric": np.linspace(0.5, 2.0, n)}):
-        arguments = {"bound": np.array([0.25, -0.5, 0.5]) * (seed % 2), **settings}
-        expected = ACTIVE_SET.solve(DirectionProblem(V[0], V[1:], **arguments))
-        problem = DirectionProblem(TensorVectors(tree(V[0], dtype), tree(V[1:], dtype)), **arguments)
-        answer = ACTIVE_SET.solve(problem)
-        assert answer.status == expected.status
-        if n == LONG and not settings:
-            assert answer.rung == expected.rung
-        assert answer.value["half"].dtype == dtype
-        assert answer.value["half"].shape == (2, n // 4)
-        size = max(float(np.abs(expected.value).max()), 1.0)
-        np.testing.assert_allclose(problem.row_of(answer.value), expected.value, atol=4 * rounding * size)
-        if answer.status == Status.OPTIMAL:
-            assert answer.residuals is not None
-            assert answer.residuals.worst <= 1e-9
-            assert kkt_residuals(problem, answer).worst <= max(1e-9, 4 * rounding)
 
 
 @pytest.mark.parametrize("n", [SHORT, LONG])

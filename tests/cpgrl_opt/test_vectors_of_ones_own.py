@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,51 +20,8 @@ from cpgrl_opt import (
     solve,
     solve_batch,
 )
-from cpgrl_opt.compensated import Pair, products
-from cpgrl_opt.vectors import ArrayVectors
 
-
-class Files:
-    """Vectors that lie in files of NumPy, the objective's first; a direction is one more file."""
-
-    def __init__(self, *paths: Path) -> None:
-        self.paths = paths
-
-    def gramian(self) -> np.ndarray:
-        rows = [np.load(path, mmap_mode="r") for path in self.paths]
-        return np.array([[a @ b for a in rows] for b in rows])
-
-    def lincomb(self, weights: np.ndarray) -> Path:
-        path = self.paths[0].with_name(f"d{abs(hash(weights.tobytes()))}.npy")
-        np.save(path, sum(w * np.load(each) for w, each in zip(weights, self.paths, strict=True)))
-        return path
-
-    def extended(self, *vectors: Path) -> "Files":
-        return Files(*self.paths, *vectors)
-
-
-class Kept:
-    """Vectors in memory, in an object; `n` is told."""
-
-    def __init__(self, V: np.ndarray) -> None:
-        self.V, self.n = V, V.shape[1]
-
-    def gramian(self) -> np.ndarray:
-        return self.V @ self.V.T
-
-    def lincomb(self, weights: np.ndarray) -> Any:
-        return weights @ self.V
-
-    def extended(self, *vectors: Any) -> "Kept":
-        return type(self)(np.vstack([self.V, *vectors]))
-
-
-class InPairs(Kept):
-    def gramian_in_pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        return ArrayVectors(self.V[0], self.V[1:]).gramian_in_pairs()
-
-    def lincomb_in_pairs(self, hi: np.ndarray, lo: np.ndarray) -> Any:
-        return products(self.V.T.copy(), hi).plus(Pair(lo @ self.V, np.zeros(self.n))).rounded()
+from .kinds import InPairs, Kept
 
 
 def draw(seed: int, n: int = 9, m: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -88,16 +44,6 @@ def test_directions_are_those_of_arrays(seed: int, radius: float | None) -> None
         assert kkt_residuals(problem, answer).worst <= 1e-12
         wrong = Direction(answer.value + 0.1, answer.multipliers, Status.OPTIMAL, 0, answer.radius_multiplier)
         assert kkt_residuals(problem, wrong).worst > 1e-3
-
-
-def test_rows_may_lie_in_files(tmp_path: Path) -> None:
-    V, bound = draw(1)
-    paths = [tmp_path / f"{i}.npy" for i in range(len(V))]
-    for path, row in zip(paths, V, strict=True):
-        np.save(path, row)
-    answer = solve(DirectionProblem(Files(*paths), bound=bound))
-    assert answer.status == Status.OPTIMAL
-    np.testing.assert_allclose(np.load(answer.value), solve(DirectionProblem(V[0], V[1:], bound)).value, atol=1e-12)
 
 
 @pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])

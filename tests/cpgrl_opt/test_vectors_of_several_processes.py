@@ -4,7 +4,6 @@ import importlib.util
 import pickle
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,53 +14,10 @@ import pytest
 from cpgrl_opt import ConstrainedStep, Direction, DirectionProblem, Linearization, Status, kkt_residuals, solve
 from cpgrl_opt.vectors import Sharded
 
+from .kinds import Ranks, draw
 from .ranks_of_torch import WRONG, call
 
 RANKS = pytest.mark.parametrize("count", [1, 2, 4])
-
-
-class Ranks:
-    """Threads that stand for processes; what they send is counted."""
-
-    def __init__(self, count: int) -> None:
-        self.count, self.sent, self.slots = count, [list[int]() for _ in range(count)], [np.empty(0)] * count
-        self.meeting = threading.Barrier(count, timeout=20.0)  # s; a rank that waits longer would wait for ever
-
-    def run(self, work: Callable[[int, Any], Any]) -> list[Any]:
-        """work(rank, gather) on each rank: what it returns or raises."""
-        found: list[Any] = [None] * self.count
-
-        def tried(rank: int) -> None:
-            try:
-                found[rank] = work(rank, lambda numbers: self.gather(rank, numbers))
-            except Exception as error:
-                found[rank] = error
-
-        threads = [threading.Thread(target=tried, args=(rank,)) for rank in range(self.count)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return found
-
-    def gather(self, rank: int, numbers: np.ndarray) -> list[np.ndarray]:
-        self.slots[rank] = numbers.copy()
-        self.sent[rank].append(numbers.nbytes)
-        self.meeting.wait()
-        gathered = list(self.slots)
-        self.meeting.wait()
-        return gathered
-
-
-def draw(seed: int, n: int = 40) -> np.ndarray:
-    V = np.random.default_rng(seed).integers(-9, 10, (4, n)) / 8.0
-    if seed % 4 == 1:
-        V[2] = -V[1]
-    if seed % 4 == 2:
-        V[3] = 2.0 * V[2]
-    if seed % 4 == 3:
-        V[0] = -(V[1:].T @ [1.0, 0.0, 2.0])
-    return V
 
 
 def as_arrays(V: np.ndarray) -> tuple[Any, Any]:
