@@ -107,13 +107,6 @@ def test_fig7_shows_means_bands_and_paths():
         assert [text.get_text() for text in lower.texts] == ["star, 8 steps"]
 
 
-@pytest.mark.parametrize("conditions", [["c"], ["a", "c"]])
-def test_fig7_has_a_column_for_each_condition_that_was_trained(conditions):
-    figure = touches_figure(CURVES, PATHS, {name: TITLES[name] for name in conditions})
-    assert len([axes for axes in figure.axes if axes.get_xlabel() == "episode"]) == len(conditions)
-    assert len(figure.axes) == 2 * len(conditions)
-
-
 def test_fig6_shows_mesh_objects_and_the_intrinsic_reward():
     figure = workspace_figure(ARM)
     left, right = figure.axes[:2]

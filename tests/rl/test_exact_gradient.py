@@ -61,20 +61,6 @@ def test_training_stops_where_the_gradient_vanishes_on_the_tangent_and_no_multip
     assert len(list(train(mdp, policy, ExactGradient(), learner, episodes=5, runs=2))) == 5
 
 
-def test_values_and_gradients_are_the_mdps_own() -> None:
-    mdp, theta = random_mdp(np.random.default_rng(1), 3, 2, 4), np.random.default_rng(2).normal(size=(3, 6))
-    estimate = ExactGradient().start(mdp, SoftmaxTable(3, 2), [np.random.SeedSequence(0)] * 3).episode(theta)
-    step = 1e-6
-    for run in range(3):
-        table = SoftmaxTable(3, 2, theta[run])
-        np.testing.assert_array_equal(estimate.values[run], mdp.average_rewards(table.probabilities()))
-        for index, e in enumerate(np.eye(6)):
-            up, down = (
-                mdp.average_rewards(table.with_parameters(theta[run] + h * e).probabilities()) for h in (step, -step)
-            )
-            np.testing.assert_allclose(estimate.gradients[run, :, index], (up - down) / (2 * step), atol=1e-7)
-
-
 def test_what_is_no_finite_mdp_or_no_table_is_refused() -> None:
     stream = [np.random.SeedSequence(0)]
     with pytest.raises(ValueError, match="environment should have average_rewards"):

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from functools import cache
 
@@ -112,18 +111,6 @@ def test_summary_json_says_how_the_results_were_made(finished, name, first):
         assert part["environment_steps"] == outcome.steps.sum() >= settings.runs * settings.episodes
         assert part["counts"] == outcome.counted()
         assert part["counts"].get("fallback", 0) == part["counts"].get("skipped", 0) == 0
-
-
-@pytest.mark.parametrize(
-    ("name", "figure"),
-    [("three-state", "fig4"), ("three-state", "fig5"), ("arm", "fig6"), ("arm", "fig7"), ("arm", "fig7-beside")],
-)
-def test_figures_are_a_printed_page_wide_as_png_and_svg(finished, name, figure):
-    from matplotlib.image import imread
-
-    _, directory = finished(name)
-    assert imread(directory / f"{figure}.png").shape[1] == 1380  # 6.9 inches at 200 dpi
-    assert ElementTree.parse(directory / f"{figure}.svg").getroot().tag.endswith("svg")
 
 
 def test_three_states_claims_hold_at_a_small_size(finished):

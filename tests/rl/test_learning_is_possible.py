@@ -99,11 +99,6 @@ def test_a_limit_of_one_step_is_refused_at_the_start(gradient: str) -> None:
             GPOMDP(steps=steps, average="episode").start(environment, policy, streams)
 
 
-def test_critics_that_would_stay_0_are_refused() -> None:
-    with pytest.raises(ValueError, match="critic_rate should be a finite number > 0; found 0"):
-        KondaActorCritic(critic_rate=0)
-
-
 # --- several recurrent classes -----------------------------------------------------------------------------------
 
 
@@ -132,14 +127,3 @@ def test_several_recurrent_classes_are_refused_as_the_exact_gradient_refuses_the
     # The sum over ten steps does not need one class, and a class that no episode comes to is none of its business.
     replace(estimator, average="episode").start(caught(), table, streams)
     estimator.start(caught(reachable=False), table, streams)
-
-
-def test_transient_states_and_periods_are_fine() -> None:
-    ring = np.roll(np.eye(4), 1, axis=1)
-    ring[0] = [0, 1, 0, 0]
-    ring[3] = [0, 1, 0, 0]  # 0 is left for ever, 1 → 2 → 3 → 1
-    mdp = TabularMDP(np.stack([ring, ring], axis=1), np.ones((1, 4, 2)))
-    for estimator in (ExactGradient(), GPOMDP(steps=5), KondaActorCritic(steps=5)):
-        estimation: Any = estimator.start(mdp, SoftmaxTable(4, 2), [np.random.SeedSequence(0)])
-        for _ in range(3):
-            np.testing.assert_allclose(estimation.episode(np.zeros((1, 8))).values, 1.0, rtol=1e-12)

@@ -15,7 +15,7 @@ from envs.interface import continuous_kernels_of, finite_kernel_of
 from rl import GPOMDP, ExactGradient, KondaActorCritic, NormalizedGaussianNetwork, SoftmaxTable
 from rl.drivers import PythonDriver
 
-from .stand_ins import Foreign, streams
+from .stand_ins import Foreign, estimate_of, streams
 
 ESTIMATORS = [GPOMDP(steps=7), KondaActorCritic(steps=7)]
 ONES = np.ones((2, 3, 3))  # every step yields 1 in both channels
@@ -25,9 +25,7 @@ MINUS_SEVEN = [[-7.0, -7.0]]
 
 def rewards_of(environment: Any, estimator: Any, policy: Any = None) -> list[list[float]]:
     """Each channel's sum over one episode of one run."""
-    policy = SoftmaxTable(3, 3) if policy is None else policy
-    estimation = estimator.start(environment, policy, streams())
-    return estimation.episode(np.array([policy.parameters])).rewards.tolist()
+    return estimate_of(environment, estimator, policy or SoftmaxTable(3, 3))[1].rewards.tolist()
 
 
 def turned(step: Any) -> Any:
@@ -49,14 +47,6 @@ class First(SoftmaxTable):
 
 class OwnStep(ThreeStateEnv):
     step = turned(ThreeStateEnv.step)
-
-
-class Mixin(TabularEnv):
-    step = turned(TabularEnv.step)
-
-
-class Mixed(Mixin, ThreeStateEnv):
-    pass
 
 
 class Declares(TabularEnv):
@@ -115,6 +105,15 @@ class OwnReward(Helped):
         return -np.ones(2)
 
 
+class OwnReset(TabularEnv):
+    """Begins in the state where −1 is yielded."""
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed, options=options)
+        self._state = 2
+        return np.int64(2), {}
+
+
 def patched() -> ThreeStateEnv:
     environment = ThreeStateEnv(rewards=ONES)
     environment.step = turned(ThreeStateEnv.step).__get__(environment)  # type: ignore[method-assign]
@@ -123,13 +122,13 @@ def patched() -> ThreeStateEnv:
 
 OTHERS: dict[str, Any] = {
     "a subclass": lambda: OwnStep(rewards=ONES),
-    "a subclass through a mixin": lambda: Mixed(rewards=ONES),
     "a diamond": lambda: Diamond(ThreeStateMDP(rewards=ONES)),
     "a patched instance": patched,
     "a lending proxy": lambda: Lender(ThreeStateEnv(rewards=ONES)),
     "a wrapper": lambda: Wrapped(ThreeStateEnv(rewards=ONES)),
     "a wrapper around make": lambda: Wrapped(gymnasium.make("cpgrl/ThreeState-v0", rewards=ONES)),
     "a helper of step": OwnReward,
+    "a reset": lambda: OwnReset(TabularMDP(np.repeat(np.eye(3)[:, None], 3, axis=1), ONES * [[1], [1], [-1]])),
 }
 
 
@@ -159,37 +158,11 @@ def test_code_patched_into_our_own_classes_is_trained_on(estimator: Any) -> None
     assert finite_kernel_of(ThreeStateEnv()) is not None
 
 
-class OwnReset(TabularEnv):
-    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-        super().reset(seed=seed, options=options)
-        self._state = 2
-        return np.int64(2), {}
-
-
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_an_episode_starts_where_the_reset_that_is_there_says(estimator: Any) -> None:
-    stays = np.repeat(np.eye(3)[:, None], 3, axis=1)
-    rewards = np.array([[[state] * 3 for state in (0.0, 0.0, 1.0)]] * 2)
-    mdp = TabularMDP(stays, rewards)
-    assert rewards_of(TabularEnv(mdp), estimator) == [[0.0, 0.0]]
-    assert rewards_of(OwnReset(mdp), estimator) == SEVEN
-
-
 class Unchanged(ThreeStateEnv):
-    """Constants, pictures, methods and data of its own, but no other dynamics."""
-
-    colour = "blue"
-
-    def __init__(self) -> None:
-        super().__init__(rewards=ONES)
-        self.extra = 3
+    """Methods and data of its own, but no other dynamics."""
 
     def render(self) -> Any:
         return None
-
-    @property
-    def more(self) -> int:
-        return self.extra
 
     @cached_property
     def once(self) -> int:
@@ -206,8 +179,8 @@ class Vouches(OwnStep):
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_who_changes_nothing_or_declares_a_kernel_runs_compiled(estimator: Any) -> None:
-    unchanged = Unchanged()
-    assert (unchanged.once, unchanged.more) == (1, 3)  # a cached value in the instance is no override
+    unchanged = Unchanged(rewards=ONES)
+    assert unchanged.once == 1  # a cached value in the instance is no override
     for environment, rewards in (
         (unchanged, SEVEN),
         (Vouches(rewards=ONES), MINUS_SEVEN),
@@ -215,8 +188,8 @@ def test_who_changes_nothing_or_declares_a_kernel_runs_compiled(estimator: Any) 
         (ThreeStateMDP(rewards=ONES), SEVEN),
         (Helped(), SEVEN),
     ):
-        assert rewards_of(environment, estimator) == rewards
-        estimation = estimator.start(environment, SoftmaxTable(3, 3), streams())
+        estimation, estimate = estimate_of(environment, estimator, SoftmaxTable(3, 3))
+        assert estimate.rewards.tolist() == rewards
         assert not isinstance(getattr(estimation, "driver", None), PythonDriver)
 
 

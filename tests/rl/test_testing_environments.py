@@ -100,12 +100,8 @@ class Buffered(Plain):
         return ({"x": self.from_step(self.buffer)}, *rest)
 
 
-class FirstBuffered(Buffered):
-    from_step = staticmethod(np.copy)
-
-
-class Copied(FirstBuffered):
-    from_reset = staticmethod(np.copy)
+class Copied(Buffered):
+    from_reset = from_step = staticmethod(np.copy)
 
 
 class Scribbling(Plain):
@@ -177,7 +173,6 @@ BAD = {
     "global generator": (FromTheGlobalGenerator, "all randomness should come from self.np_random"),
     "one reward": (OneReward, f"reward of step . {OWN}"),
     "one observation": (Buffered, f"observation of step . {OWN}"),
-    "first observation": (FirstBuffered, f"observation of step 0 {OWN}"),
     "action": (Scribbling, r"the action of step . should not be written to; found \[.\], later \[.\]"),
     "event": (
         after(lambda *four: (*four[:4], {"cpgrl_event": 0})),
