@@ -135,6 +135,7 @@ def check(
         list[str] | None, typer.Option(metavar="CHECK=REASON", help="A law that is bound to break; repeatable.")
     ] = None,
     time_limit: Annotated[float, typer.Option(help="Seconds that one problem may take.")] = 30.0,
+    memory_limit: Annotated[float, typer.Option(help="GiB that the solver's process may allocate.")] = 8.0,
 ) -> None:
     """Put a direction solver through the conformance kit: 0 all laws held, 1 one broke, 2 could not run."""
     try:
@@ -146,6 +147,7 @@ def check(
             run_check(
                 target, max_examples=max_examples, seed=seed, markdown=markdown,
                 expected_failures=expected_failure or (), time_limit=time_limit,
+                memory_limit=memory_limit * 2**30,
             )
         )  # fmt: skip
 

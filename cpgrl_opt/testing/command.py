@@ -15,8 +15,9 @@ from .subject import CannotCheck, checkable_solver, spelling_of
 from .verdict import CheckResult, Verdict, check_direction_solver
 
 HELD, BROKEN, UNWRITTEN, INTERRUPTED = 0, 1, 2, 130
-# 8 GiB: the laws' problems are a few kilobytes, but libraries that bring threads and compilers reserve some gigabytes.
-MEMORY_LIMIT = 2**33
+# 8 GiB: the laws' problems are a few kilobytes, but libraries that bring threads and compilers reserve some gigabytes;
+# below 2 or 3 right solvers fail to start, and without a limit a wrong one takes the machine with it.
+MEMORY_LIMIT = 2.0**33
 _WORDS = {"failed as expected": "excused", "unsupported": "n/a", "held, though expected to fail": "held"}
 
 
@@ -44,7 +45,7 @@ def check_target(
     expected_failures: Sequence[str] = (),
     markdown: Path | None = None,
     time_limit: float = 30.0,
-    memory_limit: int = MEMORY_LIMIT,
+    memory_limit: float = MEMORY_LIMIT,
     progress: Callable[[str], None] = lambda _: None,
 ) -> int:
     """Checks the solver that the target names, and prints the verdict.
