@@ -9,7 +9,7 @@ from typing import Any
 
 from ..comparison.whole_file import whole_file
 from ..isolation import Isolated, IsolationError, apply, exit_on_termination
-from ..validation import require_count, require_member
+from ..validation import require_count, require_member, require_positive
 from .laws import LAWS
 from .subject import CannotCheck, checkable_solver, spelling_of
 from .verdict import CheckResult, Verdict, check_direction_solver
@@ -79,11 +79,12 @@ def check_target(
     """
     require_count("max_examples", max_examples)
     require_count("seed", seed, 0)
+    require_positive("memory_limit", memory_limit)
     if markdown is not None and (not markdown.parent.is_dir() or markdown.is_dir()):
         raise ValueError(f"markdown should be a file in a folder that exists; found {str(markdown)!r}")
     expected = expected_of(expected_failures)
     make = partial(checkable_solver, target)
-    with Isolated(make=make, time_limit=time_limit, memory_limit=memory_limit) as solver:
+    with Isolated(make=make, time_limit=time_limit, memory_limit=int(memory_limit)) as solver:
         try:
             verdict = check_direction_solver(
                 solver, expected_failures=expected, max_examples=max_examples, seed=seed,

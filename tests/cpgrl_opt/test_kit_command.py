@@ -211,6 +211,7 @@ def test_a_solver_that_takes_no_problem_cannot_be_checked(cpgrl_check, monkeypat
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
+        ("--memory-limit", "inf", "memory_limit should be a finite number > 0; found inf"),
         ("--seed", "-1", "seed should be an integer ≥ 0; found -1"),
         ("--markdown", "nowhere/verdict.md", "markdown should be a file in a folder that exists"),
         ("--markdown", "x" * 300, "File name too long"),
