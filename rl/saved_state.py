@@ -17,7 +17,8 @@ import numpy as np
 from cpgrl_opt.comparison.whole_file import whole_file
 
 _TEXT = "state.json"
-_FORMAT = "cpgrl state 1"
+_FORMAT = "cpgrl state 2"  # 2: estimations carry drivers where 1 had rollouts; 1 cannot be gone on from
+_OLDER = ("cpgrl state 1",)
 _BEGINNING = (1980, 1, 1, 0, 0, 0)  # every entry's date, so that the same state makes the same bytes
 
 
@@ -47,7 +48,9 @@ def read_state(path: Path | str, kind: str) -> dict[str, Any]:
             contents = json.loads(archive.read(_TEXT))
             found = {name: contents.get(name) for name in ("format", "kind")}
             if found != {"format": _FORMAT, "kind": kind}:
-                raise ValueError(f"{found['kind']!r} of the format {found['format']!r}")
+                old = ", which an earlier version wrote and can go on from: begin anew, or install that one"
+                why = old if found["format"] in _OLDER else ""
+                raise ValueError(f"{found['kind']!r} of the format {found['format']!r}{why}")
             state = _unpack(contents["state"], lambda index: _array_of(archive.read(f"{int(index)}.npy")))
         if not isinstance(state, dict):
             raise ValueError(f"a state that is {type(state).__name__}")

@@ -65,7 +65,10 @@ def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Ce
     recorded: dict[int, dict[str, np.ndarray]] = {}
     try:
         last = None
-        for record in training(**cell.settings, seed=cell.seed):
+        records = training(**cell.settings, seed=cell.seed)
+        if not isinstance(records, Iterable):
+            raise ValueError(f"a training should return records, as train returns them; found {records!r}")
+        for record in records:
             last, reached = record, record.episode
             if record.episode % every == 0:
                 recorded[record.episode] = _measured(measure, record)
@@ -80,6 +83,12 @@ def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Ce
             raise
         return Outcome(cell.key, error=_in_words(error), reached=reached, seconds=_since(begun))
     return Outcome(cell.key, list(recorded), values, reached=reached, seconds=_since(begun))
+
+
+def outcome_of_dead(cell: Cell) -> Outcome:
+    """Of a training whose process ended without an answer."""
+    words = "its process was killed, or wanted more memory than there is, or ended itself; it was alone then"
+    return Outcome(cell.key, error=f"WorkerDiedError: {words}")
 
 
 def _in_words(error: BaseException) -> str:

@@ -30,7 +30,7 @@ def run_sweep(target: str, over: Sequence[str], out: Path, **asked: Any) -> tupl
     """
     import matplotlib  # noqa: F401 - refuses a wrong MPLBACKEND before the trainings rather than after them
 
-    settings = dict(map(parse_setting, over))
+    settings = parse_settings(over)
     if target in EXPERIMENTS:
         asked["measure"] = experiment_named(target).measure
         training = _experiment_training(target, settings)
@@ -46,11 +46,22 @@ def run_sweep(target: str, over: Sequence[str], out: Path, **asked: Any) -> tupl
 
             found = sweep(training, settings, out=out, listen=listen, **asked)
         curves = learning_curves(found)
-        if not curves:
+        if not curves:  # those of an earlier table would be taken for this one's
+            for name in (CURVES, FIGURE):
+                (out / name).unlink(missing_ok=True)
             return found, [TABLE]
         write_csv(out / CURVES, list(curves[0]), curves)
         draw_curves(curves, out / FIGURE)
     return found, [TABLE, CURVES, FIGURE]
+
+
+def parse_settings(over: Sequence[str]) -> dict[str, list[Any]]:
+    """Values by name; ValueError for a name that is there twice."""
+    found = [*map(parse_setting, over)]
+    names = [name for name, _ in found]
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise ValueError(f"over should have each name once, with all its values; found {twice[0]} twice")
+    return dict(found)
 
 
 def parse_setting(text: str) -> tuple[str, list[Any]]:
@@ -84,14 +95,14 @@ def parse_seeds(text: str) -> Sequence[int]:
 
 def _function(target: str) -> Callable[..., Iterable[TrainingRecord]]:
     module, colon, name = target.partition(":")
-    if not colon:
-        raise ValueError(f"target should be one of {', '.join(EXPERIMENTS)}, or module:FUNCTION; found {target!r}")
+    if not (module and colon and name):
+        raise ValueError(f"target should be one of {', '.join(EXPERIMENTS)}, or MODULE:FUNCTION; found {target!r}")
     if (folder := str(Path.cwd())) not in sys.path:
         sys.path.insert(0, folder)
     try:
         found: Callable[..., Iterable[TrainingRecord]] = getattr(import_module(module), name)
     except (ModuleNotFoundError, AttributeError) as error:
-        raise ValueError(f"target should be module:FUNCTION; found {target!r}: {error}") from error
+        raise ValueError(f"target should be MODULE:FUNCTION; found {target!r}: {error}") from error
     return found
 
 

@@ -7,7 +7,10 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from cpgrl_opt.validation import require_count, require_member
@@ -26,7 +29,12 @@ class MissingEngineError(ImportError):
 
 
 def unordered(
-    task: Callable[[Item], Result], items: Sequence[Item], *, engine: str = "loky", jobs: int = 1
+    task: Callable[[Item], Result],
+    items: Sequence[Item],
+    died: Callable[[Item], Result],
+    *,
+    engine: str = "loky",
+    jobs: int = 1,
 ) -> Iterator[Result]:
     """task(item) of each item, as they end.
 
@@ -34,10 +42,13 @@ def unordered(
     ----------
     task
         Pickled by value where it is a function of a script or of a notebook.
+    died
+        The result of an item whose process ended without an answer, also when it was alone; of loky's processes.
     engine
-        "loky": processes of this machine, and with one job this process itself. "dask": the current
-        `distributed.Client`, or a `LocalCluster` of `jobs` processes for the time of this call. "ray": the cluster that
-        Ray is connected to, or one of `jobs` processes here.
+        "loky": processes of this machine, with one BLAS thread each, and with one job this process itself, which ends
+        with a task that ends its process. "dask": the current `distributed.Client`, or a `LocalCluster` of `jobs`
+        processes for the time of this call. "ray": the cluster that Ray is connected to, or one of `jobs` processes
+        here.
     jobs
         Processes, where the cluster is not given.
 
@@ -48,12 +59,47 @@ def unordered(
     MissingEngineError
         Where its package is missing.
     WorkerDiedError
-        Where a process of loky ends without an answer.
+        Where a process of loky ends that had nothing to do.
     """
     require_engine(engine, jobs)
-    if engine == "loky" and min(jobs, len(items)) <= 1:
-        return map(task, items)
-    return _in_workers(task, items, engine, jobs)
+    if engine != "loky":
+        return _in_workers(task, items, engine, jobs)
+    return map(task, items) if min(jobs, len(items)) <= 1 else _in_processes(task, items, died, jobs)
+
+
+def _in_processes(
+    task: Callable[[Any], Any], items: Sequence[Any], died: Callable[[Any], Any], jobs: int
+) -> Iterator[Any]:
+    """As long as none ends without an answer, beside each other; those that had begun then are repeated alone."""
+    waiting = dict(enumerate(items))
+    while waiting:
+        with TemporaryDirectory() as folder:
+            noting = partial(_note_begin, task, folder)
+            try:
+                for place, result in _in_workers(noting, [*waiting.items()], "loky", jobs):
+                    del waiting[place]
+                    yield result
+            except BrokenProcessPool as error:
+                begun = sorted({int(path.name) for path in Path(folder).iterdir()} & waiting.keys())
+                if not begun:
+                    words = "a worker process should answer or raise; one was killed that had nothing to do"
+                    raise WorkerDiedError(f"{words}. What ended before is kept") from error
+        for place in begun if waiting else ():
+            item = waiting.pop(place)
+            try:
+                yield from _in_workers(task, [item], "loky", 2)  # joblib takes one job to be this process
+            except BrokenProcessPool:
+                yield died(item)
+
+
+def _note_begin(task: Callable[[Any], Any], folder: str, numbered: tuple[int, Any]) -> tuple[int, Any]:
+    """(number, task(item)); meanwhile the folder has a file of this number."""
+    place, item = numbered
+    begun = Path(folder, str(place))
+    begun.touch()
+    result = task(item)
+    begun.unlink()
+    return place, result
 
 
 def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, jobs: int) -> Iterator[Any]:
@@ -64,18 +110,13 @@ def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, j
         chosen: dict[str, Any] = {"n_jobs": -1}  # as many as the cluster has
         if engine == "loky":
             chosen = {"n_jobs": jobs, "initializer": _leave_ctrl_c_to, "initargs": (os.getpid(),)}
+            chosen["inner_max_num_threads"] = 1  # joblib would allow cores // jobs, and sums differ in their last bits
         stack.enter_context(parallel_config(backend=engine, **chosen))
         hand_over = Parallel(return_as="list")._backend.supports_return_generator
-        workers = stack.enter_context(Parallel(return_as="generator_unordered" if hand_over else "list"))
+        workers = stack.enter_context(Parallel(return_as="generator_unordered" if hand_over else "list", batch_size=1))
         size = len(items) if hand_over else _ROUND * workers._effective_n_jobs()
-        try:
-            for start in range(0, len(items), size):
-                yield from workers(delayed(_carry_out)(task, item, os.getpid()) for item in items[start : start + size])
-        except BrokenProcessPool as error:
-            raise WorkerDiedError(
-                "a worker process should answer or raise; one was killed, or wanted more memory than there is. What "
-                "ended before is kept, and the same call goes on from there"
-            ) from error
+        for start in range(0, len(items), size):
+            yield from workers(delayed(_carry_out)(task, item, os.getpid()) for item in items[start : start + size])
 
 
 def _carry_out(task: Callable[[Any], Any], item: Any, parent: int) -> Any:

@@ -14,7 +14,7 @@ from cpgrl_opt.validation import require_count
 
 from ..streams import run_indices
 from ..training import TrainingRecord
-from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, keys_of
+from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, keys_of, outcome_of_dead
 from .engines import require_engine, unordered
 from .store import plain, rows_of, store
 
@@ -85,7 +85,8 @@ def sweep(
     -------
     Sweep
         A row for each setting, seed, run, recorded episode and channel, in the order of settings and seeds. A training
-        that raises has one row, with its `error` and the last `episode` that it reached; the others go on.
+        that raises, or that ends its worker process, has one row, with its `error` and the last `episode` that it
+        reached; the others go on. With one job there is no worker process.
 
     Raises
     ------
@@ -100,7 +101,8 @@ def sweep(
         missing = [cell for cell in cells if cell.key not in kept.found]
         ended = dict(kept.found)
         done = len(cells) - len(missing)
-        for outcome in unordered(partial(carry_out, training, measure, every), missing, engine=engine, jobs=jobs):
+        task = partial(carry_out, training, measure, every)
+        for outcome in unordered(task, missing, outcome_of_dead, engine=engine, jobs=jobs):
             kept.add(outcome)
             ended[outcome.key], done = outcome, done + 1
             if listen is not None:

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from rl import sweep
 from rl.cli import app
-from rl.experiments.registry import experiment_named
 from rl.sweeps.command import parse_seeds, parse_setting, train_case
 from rl.sweeps.store import OUTCOMES, TABLE
 
@@ -61,12 +60,18 @@ def test_a_function_of_ones_own_is_swept_and_what_breaks_is_told(tmp_path, monke
     assert "Trained 2, of which 1 ended with an error." in found.stdout
     assert found.stderr == "rate 0.01, seed 1: RuntimeError: no robot (after episode 0)\n"
     assert (tmp_path / "o" / "curves.csv").exists()
+    only = cpgrl("sweep", "mine_of_a_test:broken", "--over", "rate=0.01", "--seeds", "1,", "--jobs", 1, "--out", "o")
+    assert "Wrote sweep.csv into o" in only.stdout
+    assert not (tmp_path / "o" / "curves.csv").exists()
+    assert not (tmp_path / "o" / "curves.png").exists()
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nothing"], "target should be one of three-state, arm, or module:FUNCTION; found 'nothing'"),
+        (["nothing"], "target should be one of three-state, arm, or MODULE:FUNCTION; found 'nothing'"),
+        ([":f"], "or MODULE:FUNCTION; found ':f'"),
+        (["three-state", "--over", "steps=20", "--over", "steps=30"], "each name once"),
         (["no_such_module:f"], "No module named"),
         (["three-state", "--over", "solver"], "over should be name=value,value; found 'solver'"),
         (["three-state", "--over", "solver=rosn"], "solver should be one of"),
@@ -101,35 +106,47 @@ def test_values_are_json_or_words():
     assert (list(parse_seeds("3")), parse_seeds("3,")) == ([0, 1, 2], [3])
 
 
+QUICK = """
+import time
+from types import SimpleNamespace
+def quick(seed):
+    time.sleep(0.05)
+    yield SimpleNamespace(episode=1, parameters=[0.0], estimate=SimpleNamespace(values=[[float(seed)]]))
+"""
+
+
 @pytest.mark.skipif(os.name == "nt", reason="sends signals to a process group")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_what_ended_survives_and_no_worker_does(number, tmp_path, start_cpgrl):
-    long = ["--over", "training=sum", "--over", "episodes=300", "--seeds", 10_000, "--jobs", 2, "--out", tmp_path]
-    process = start_cpgrl("sweep", "three-state", *long)
+@pytest.mark.parametrize(
+    ("signals", "code"),
+    [([signal.SIGINT], 130), ([signal.SIGTERM, signal.SIGTERM], 143), ([signal.SIGKILL], -9)],
+    ids=["Ctrl-C", "SIGTERM twice", "SIGKILL"],
+)
+def test_what_ended_survives_and_no_worker_does(signals, code, tmp_path, start_cpgrl, monkeypatch):
+    (tmp_path / "quick_of_a_test.py").write_text(QUICK, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    process = start_cpgrl("sweep", "quick_of_a_test:quick", "--seeds", 10_000, "--jobs", 2, "--out", tmp_path)
     outcomes, until = tmp_path / OUTCOMES, time.monotonic() + 300
     while time.monotonic() < until and process.poll() is None:
         if outcomes.exists() and outcomes.read_bytes().count(b"\n") >= 5:
             break
         time.sleep(0.05)
-    if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # as a terminal does
-    else:
-        process.kill()
+    for number in signals:
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as a terminal does
+        else:
+            process.send_signal(number)
+        time.sleep(0.05)
     _, errors = process.communicate(timeout=120)  # waits until nobody holds the pipe: the workers are gone
-    assert process.returncode == (130 if number == signal.SIGINT else -9), errors
-    assert ("Interrupted." in errors) == (number == signal.SIGINT)
+    assert process.returncode == code, errors
+    assert errors.count("Interrupted.") == (code > 0)
     assert "Traceback" not in errors
     ended = outcomes.read_bytes().count(b"\n")
-    again = sweep_again(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    from quick_of_a_test import quick
+
+    again = sweep(quick, [{}], seeds=20, out=tmp_path)
     assert again.trained <= 20 - min(ended, 15)
     assert not again.failed
-
-
-def sweep_again(folder):
-    from functools import partial
-
-    asked = {"seeds": 20, "measure": experiment_named("three-state").measure, "out": folder}
-    return sweep(partial(train_case, "three-state"), {"training": ["sum"], "episodes": [300]}, **asked)
 
 
 @pytest.mark.slow

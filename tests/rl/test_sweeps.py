@@ -3,6 +3,10 @@
 import csv
 import json
 import os
+import signal
+import threading
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +16,10 @@ from cpgrl_opt import ConstrainedStep
 from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 from envs import ThreeStateMDP
 from rl import CPGRL, GPOMDP, SoftmaxTable, Sweep, sweep, train
-from rl.experiments.workers import WorkerDiedError
+from rl.experiments.figure_style import blank_figure
 from rl.sweeps import estimates
 from rl.sweeps.cell import context_of, keys_of
+from rl.sweeps.command import run_sweep
 from rl.sweeps.curves import draw_curves, learning_curves
 
 GRID = {"solver": ["rosen", "active-set"], "threshold": [-0.1, 0.0]}
@@ -72,22 +77,24 @@ def test_a_broken_training_is_a_row_with_its_error(training):
     assert row["error"] == "RuntimeError: the environment broke"
 
 
-def test_two_processes_make_the_same_bytes(training, tmp_path):
-    for jobs in (1, 2):
-        sweep(training, GRID, seeds=2, out=tmp_path / str(jobs), jobs=jobs)
-    assert (tmp_path / "1" / "sweep.csv").read_bytes() == (tmp_path / "2" / "sweep.csv").read_bytes()
+def test_two_processes_make_the_same_rows_but_of_a_training_that_ends_its_process(tmp_path):
+    here = os.getpid()
 
+    def deadly(seed):
+        if os.getpid() != here:
+            assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN, "the parent alone answers Ctrl-C"
+            assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+            if seed == 0:
+                os._exit(7)
+        values = np.random.default_rng(seed).normal(size=(1, 4))
+        yield SimpleNamespace(episode=1, parameters=[0.0], estimate=SimpleNamespace(values=values))
 
-def test_a_worker_that_dies_is_an_error_that_loses_nothing(training, tmp_path):
-    def deadly(solver, threshold, seed):
-        if seed == 6:
-            os._exit(7)
-        return training(solver, threshold, seed)
-
-    with pytest.raises(WorkerDiedError, match="What ended before is kept"):
-        sweep(deadly, {"solver": ["rosen"], "threshold": [-0.1]}, seeds=7, out=tmp_path, jobs=2)
-    assert b"value" in (tmp_path / "outcomes.jsonl").read_bytes()
-    assert not (tmp_path / "sweep.csv").exists()
+    one = sweep(deadly, [{}], seeds=3)
+    two = sweep(deadly, [{}], seeds=3, jobs=2, out=tmp_path)
+    first, *others = two.rows
+    assert (first["seed"], first["error"].partition(":")[0]) == (0, "WorkerDiedError")
+    assert others == one.rows[-len(others) :]
+    assert {row["seed"] for row in others} == {1, 2}
 
 
 def test_it_trains_only_what_is_new_and_what_failed(counted, tmp_path):
@@ -228,6 +235,7 @@ def test_bad_input_is_refused(training, changed, words):
 @pytest.mark.parametrize(
     ("episodes", "measured", "words"),
     [
+        (None, {}, "a training should return records, as train returns them; found None"),
         (0, {"value": [[1.0]]}, "one episode at least"),
         (1, {"value": [1.0]}, "measure should return arrays (1, channels)"),
         (1, {"seed": [[1.0]]}, "measure should have names of its own; found seed"),
@@ -235,6 +243,8 @@ def test_bad_input_is_refused(training, changed, words):
 )
 def test_a_training_without_a_record_is_an_error_of_its_own(episodes, measured, words):
     def none(seed):
+        if episodes is None:
+            return None
         learner = CPGRL(ConstrainedStep(), [0.0] * 3)
         return train(ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP(), learner, episodes=episodes, runs=1, seed=seed)
 
@@ -242,24 +252,28 @@ def test_a_training_without_a_record_is_an_error_of_its_own(episodes, measured, 
     assert words in row["error"]
 
 
-def test_a_folder_has_one_writer(training, tmp_path):
+@pytest.mark.parametrize("moment", ["while it trains", "while it draws"])
+def test_a_folder_has_one_writer(moment, training, tmp_path, monkeypatch):
     found = []
 
-    def ask(done, of, outcome):
-        import threading
+    def enter():
+        try:
+            with locked_folder(tmp_path):
+                found.append("entered")
+        except FolderInUseError as error:
+            found.append(str(error))
 
-        def other():
-            try:
-                with locked_folder(tmp_path):
-                    found.append("entered")
-            except FolderInUseError as error:
-                found.append(str(error))
-
-        thread = threading.Thread(target=other)
+    def ask(*_):
+        thread = threading.Thread(target=enter)
         thread.start()
         thread.join()
 
-    sweep(training, {"solver": ["rosen"], "threshold": [-0.1]}, seeds=1, out=tmp_path, listen=ask)
+    if moment == "while it trains":
+        sweep(training, {"solver": ["rosen"], "threshold": [-0.1]}, seeds=1, out=tmp_path, listen=ask)
+    else:
+        monkeypatch.setattr("rl.sweeps.command.draw_curves", ask)
+        monkeypatch.setattr("rl.sweeps.command._function", lambda _: partial(training, "rosen", -0.1))
+        run_sweep("a:function", [], tmp_path, seeds=1, every=100)
     assert "is being written to by" in found[0]
 
 
@@ -287,8 +301,29 @@ def test_curves_are_means_and_interquartile_means_with_intervals(training, tmp_p
         draw_curves(curves, tmp_path / "curves.png", "median")
 
 
-def test_one_run_has_no_length_of_interval(training):
-    found = sweep(training, {"solver": ["rosen"], "threshold": [0.0]}, seeds=[1, 2])
-    one = {**found.rows[1], "run": 0}
-    curves = learning_curves(Sweep(found.columns, [found.rows[0], one], 2))
-    assert [row["mean_low"] == row["mean"] == row["iqm"] == row["iqm_high"] for row in curves] == [True]
+def rows_of_runs(runs, settings=1):
+    """A row for each setting and run, of values 0, 1, …."""
+    columns = ["rate", "seed", "run", "episode", "channel", "value", "error"]
+    listed = [
+        (rate, seed, 0, 5, 0, float(seed), "") for rate in range(settings) for seed in range(runs[rate % len(runs)])
+    ]
+    return Sweep(columns, [dict(zip(columns, row, strict=True)) for row in listed], len(listed))
+
+
+def test_settings_may_have_other_numbers_of_runs_and_one_run_has_no_length_of_interval():
+    curves = learning_curves(rows_of_runs([1, 3, 5], settings=3))
+    assert [(row["runs"], row["mean"]) for row in curves] == [(1, 0.0), (3, 1.0), (5, 2.0)]
+    assert [row["mean_low"] == row["iqm"] == row["iqm_high"] for row in curves] == [True, False, False]
+
+
+def test_beyond_eight_lines_a_figure_says_how_many_are_left_out(tmp_path, monkeypatch):
+    drawn = []
+
+    def blank(*size):
+        drawn.append(blank_figure(*size))
+        return drawn[0]
+
+    monkeypatch.setattr("rl.experiments.figure_style.blank_figure", blank)
+    draw_curves(learning_curves(rows_of_runs([2], settings=10)), tmp_path / "curves.png")
+    labels = [text.get_text() for text in drawn[0].legends[0].get_texts()]
+    assert labels == [*(f"rate {rate}" for rate in range(8)), "… and 2 more in the table"]

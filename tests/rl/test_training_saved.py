@@ -174,7 +174,7 @@ def test_a_damaged_file_is_refused_with_the_reason(saved):
     content, good = saved.read_bytes(), entries_of(saved)
     for end in [0, 1, 100, *range(500, len(content), 997), len(content) - 1]:
         saved.write_bytes(content[:end])
-        assert "should be a saved training of the format 'cpgrl state 1', whole; found" in refused(saved)
+        assert "should be a saved training of the format 'cpgrl state 2', whole; found" in refused(saved)
     for place in np.random.default_rng(1).integers(len(content) // 2, size=20):  # in the data, not in the directory
         broken = bytearray(content)
         broken[place] ^= 0x40
@@ -198,7 +198,8 @@ def test_what_another_program_wrote_is_refused(saved):
         return refused(saved)
 
     text = json.loads(good["state.json"])
-    assert "'cpgrl state 2'" in told(**{"state.json": json.dumps({**text, "format": "cpgrl state 2"})})
+    older = told(**{"state.json": json.dumps({**text, "format": "cpgrl state 1"})})
+    assert "'cpgrl state 1', which an earlier version wrote" in older
     assert "'recording'" in told(**{"state.json": json.dumps({**text, "kind": "recording"})})
     less = {name: part for name, part in text["state"]["dict"].items() if name != "memory"}
     assert "memory" in told(**{"state.json": json.dumps({**text, "state": {"dict": less}})})
