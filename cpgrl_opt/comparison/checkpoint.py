@@ -4,11 +4,11 @@ import csv
 import io
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .measurement import AS_BYTES, Measurement, columns, from_row, to_row, write_measurements
+from .measurement import AS_BYTES, Measurement, from_row, to_row, write_measurements
 from .whole_file import whole_file
 
 MEASUREMENTS, SETTINGS, KEYS = "measurements.csv", "settings.json", "keys.csv"
@@ -28,18 +28,12 @@ class Checkpoint:
     """
 
     def __init__(
-        self,
-        folder: Path,
-        settings: Mapping[str, Any],
-        *,
-        anew: bool = False,
-        free: Callable[[str, str], bool] = lambda *_: False,
+        self, folder: Path, settings: Mapping[str, Any], *, fixed: Collection[str] = (), anew: bool = False
     ) -> None:
         """Opens the folder, making it where it is missing. anew: forgets what is there.
 
         ValueError with advice where the folder holds measurements made with other settings. Of a setting that is a
-        mapping only the names that both have are compared: what other solvers stand on does not matter here.
-        free(setting, name): whether that name's value may differ; `changed` then has the name.
+        mapping only the names in `fixed` have to agree: what else changes shows in the cells' keys.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / MEASUREMENTS
@@ -47,14 +41,12 @@ class Checkpoint:
         self.wall_seconds = 0.0
         self.kept: dict[CellKey, list[Measurement]] = {}
         self.stale: list[CellKey] = []
-        self.changed: set[str] = set()
-        self._free = free
         self._facts = dict(settings)
         if anew or not self.path.exists():
             self.path.unlink(missing_ok=True)
             self._keys.unlink(missing_ok=True)
         else:
-            self._agree_with_folder()
+            self._agree_with_folder(fixed)
         self.add_time(0.0)
 
     def add_time(self, seconds: float) -> None:
@@ -65,64 +57,55 @@ class Checkpoint:
             beside.write_text(text + "\n", encoding="utf-8", errors=AS_BYTES)
 
     def finished(
-        self,
-        problems: Mapping[CellKey, int],
-        keys: Mapping[CellKey, str] | None = None,
-        trusted: Callable[[CellKey], bool] = lambda _: True,
+        self, problems: Mapping[CellKey, int], keys: Mapping[CellKey, str]
     ) -> dict[CellKey, list[Measurement]]:
         """The cells asked for that are complete and whose key has not changed; the rows of the others are removed.
 
-        problems: how many each cell that is asked for should have. keys: what theirs are now. trusted:
-        whether a cell without a key may stay: folders older than keys.csv have none.
+        problems: how many each cell that is asked for should have. keys: what theirs are now.
         """
         found: dict[CellKey, list[Measurement]] = {}
         for each in self._readable():
             found.setdefault((each.solver, each.variant, each.family), []).append(each)
         written = self._written_keys()
-        self.kept = {key: rows for key, rows in found.items() if key not in problems}
-        asked = {key: rows for key, rows in found.items() if key in problems}
-        self.stale = [key for key in asked if keys is not None and not _agree(written, keys, key, trusted)]
+        self.kept = {cell: rows for cell, rows in found.items() if cell not in problems}
+        self.stale = [cell for cell in found if cell in problems and written.get(cell) != keys[cell]]
         whole = {
-            key: rows
-            for key, rows in asked.items()
-            if key not in self.stale and _numbers(rows) == [*range(problems[key])]
+            cell: rows
+            for cell, rows in found.items()
+            if cell in problems
+            and cell not in self.stale
+            and [each.problem for each in rows] == [*range(problems[cell])]
         }
         self.rewrite([each for rows in whole.values() for each in rows])
-        self._write_keys({key: word for key, word in written.items() if key in whole or key in self.kept})
+        self._write_keys({cell: word for cell, word in written.items() if cell in whole or cell in self.kept})
         return whole
 
     def rewrite(self, measurements: Iterable[Measurement]) -> None:
         """The file anew: these rows, then those of the cells that are not asked for."""
         write_measurements(self.path, [*measurements, *(each for rows in self.kept.values() for each in rows)])
 
-    def append(self, measurements: Sequence[Measurement], key: str | None = None) -> None:
+    def append(self, measurements: Sequence[Measurement], key: str) -> None:
         """The rows of a finished cell, in one write, on the disk when this returns. key: what it was measured on."""
-        text = io.StringIO(newline="")
-        csv.DictWriter(text, columns(Measurement), lineterminator="\n").writerows(map(to_row, measurements))
-        if key is not None:  # first: a key without rows does no harm, rows without a key might be trusted
-            first = measurements[0]
-            word = io.StringIO(newline="")
-            csv.writer(word, lineterminator="\n").writerow((first.solver, first.variant, first.family, key))
-            _append(self._keys, word.getvalue())
-        _append(self.path, text.getvalue())
+        first = measurements[0]
+        # The key first: without rows it does no harm.
+        _append(self._keys, [(first.solver, first.variant, first.family, key)])
+        _append(self.path, [[*to_row(each).values()] for each in measurements])
 
-    def _agree_with_folder(self) -> None:
+    def _agree_with_folder(self, fixed: Collection[str]) -> None:
         try:
             before = json.loads(self._settings.read_text(encoding="utf-8", errors=AS_BYTES))
         except (OSError, ValueError):
             before = {}
         self.wall_seconds = float(before.get(_TIME, 0.0))
         for name, now in self._facts.items():
-            then = before.get(name, {} if isinstance(now, Mapping) else None)
-            if isinstance(now, Mapping) and isinstance(then, Mapping):
-                for key in (key for key in now if key in then):
-                    if not self._free(name, key):
-                        self._require_agreement(f"{name}: {key}", then[key], now[key])
-                    elif then[key] != now[key]:
-                        self.changed.add(key)
-                self._facts[name] = {**then, **now}
-            else:
+            then = before.get(name)
+            if not isinstance(now, Mapping):
                 self._require_agreement(name, then, now)
+                continue
+            then = then or {}
+            for key in (key for key in now if key in then and key in fixed):
+                self._require_agreement(f"{name}: {key}", then[key], now[key])
+            self._facts[name] = {**then, **now}
 
     def _require_agreement(self, name: str, then: object, now: object) -> None:
         if then != now:
@@ -154,27 +137,19 @@ class Checkpoint:
         readable: list[Measurement] = []
         for row in csv.DictReader(io.StringIO(text)):
             try:
-                readable.append(from_row(Measurement, row))
+                readable.append(from_row(row))
             except ValueError:
                 continue  # the cell counts as unfinished
         return readable
 
 
-def _agree(
-    written: Mapping[CellKey, str], keys: Mapping[CellKey, str], key: CellKey, trusted: Callable[[CellKey], bool]
-) -> bool:
-    return written[key] == keys[key] if key in written else trusted(key)
-
-
-def _append(path: Path, text: str) -> None:
+def _append(path: Path, rows: Iterable[Sequence[str]]) -> None:
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows(rows)
     with path.open("a", encoding="utf-8", errors=AS_BYTES, newline="") as file:
-        file.write(text)
+        file.write(text.getvalue())
         file.flush()
         os.fsync(file.fileno())
-
-
-def _numbers(rows: Collection[Measurement]) -> list[int]:
-    return [each.problem for each in rows]
 
 
 def _told(value: object) -> str:

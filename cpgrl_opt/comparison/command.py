@@ -12,10 +12,11 @@ from .contestants import DEFAULT_SOLVER, installed
 from .families import FAMILIES
 from .folder_lock import locked_folder
 from .machine import machine, versions
-from .measurement import Cell, Measurement, cells_of, write_cells
+from .measurement import Measurement
 from .named_families import families_asked, family_named
 from .runner import COMMON_PACKAGES, ComparisonSettings, Listen, open_checkpoint, run_comparison
-from .table import pandas
+from .table import as_table, count_cells, pandas
+from .whole_file import whole_file
 
 CELLS, REPORTS = "solvers.csv", ("report.md", "report.html")
 PROBLEMS = 20
@@ -81,14 +82,13 @@ class Request:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came of it: measurements, their cells, {solver that could not be compared: why}, the files written.
+    """What came of it: measurements, {solver that could not be compared: why}, the files written.
 
     kept: cells in measurements.csv that were not asked for this time, and are not reported; renewed: cells that were
     there and are measured anew, since their key has changed.
     """
 
     measurements: Sequence[Measurement]
-    cells: Sequence[Cell]
     absent: Mapping[str, str]
     files: Sequence[Path]
     kept: int = 0
@@ -104,42 +104,28 @@ def compare(
     FolderInUseError where another process writes into the folder.
     """
     pandas()  # the report needs it: told now, and not after hours
-    settings, absent = request.settings()
-    with locked_folder(folder):
-        return _compared(request, settings, absent, folder, jobs=jobs, anew=anew, listen=listen)
-
-
-def _compared(
-    request: Request,
-    settings: ComparisonSettings,
-    absent: Mapping[str, str],
-    folder: Path,
-    *,
-    jobs: int,
-    anew: bool,
-    listen: Listen | None,
-) -> Comparison:
     from .report import ReportContext, write_report
 
+    settings, absent = request.settings()
     found = versions(dict.fromkeys((*COMMON_PACKAGES[1:], *map(_package, settings.solvers))))
-    checkpoint = open_checkpoint(settings, folder, found, anew=anew)
-    measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)
-    cells = cells_of(measurements)
-    write_cells(folder / CELLS, cells)
-    context = ReportContext(
-        command=request.command(),
-        machine=machine(),
-        versions=found | {_package(name): why for name, why in absent.items()},
-        settings=settings.described(jobs),
-        families={name: family_named(name).reason for name in settings.families},
-        seed=settings.seed,
-        wall_seconds=checkpoint.wall_seconds,
-        default_solver=DEFAULT_SOLVER,
-        ill_posed=[name for name in settings.families if not family_named(name).well_posed],
-    )
-    reports = write_report(measurements, context, folder)
-    files = checkpoint.path, folder / CELLS, *reports
-    return Comparison(measurements, cells, absent, files, len(checkpoint.kept), checkpoint.stale)
+    with locked_folder(folder):
+        checkpoint = open_checkpoint(settings, folder, found, anew=anew)
+        measurements = run_comparison(settings, checkpoint, jobs=jobs, listen=listen)
+        with whole_file(folder / CELLS) as beside:
+            count_cells(as_table(measurements)).to_csv(beside, index=False, lineterminator="\n")
+        context = ReportContext(
+            command=request.command(),
+            machine=machine(),
+            versions=found | {_package(name): why for name, why in absent.items()},
+            settings=settings.described(jobs),
+            families={name: family_named(name).reason for name in settings.families},
+            seed=settings.seed,
+            wall_seconds=checkpoint.wall_seconds,
+            default_solver=DEFAULT_SOLVER,
+            ill_posed=[name for name in settings.families if not family_named(name).well_posed],
+        )
+        files = checkpoint.path, folder / CELLS, *write_report(measurements, context, folder)
+    return Comparison(measurements, absent, files, len(checkpoint.kept), checkpoint.stale)
 
 
 def _package(solver: str) -> str:

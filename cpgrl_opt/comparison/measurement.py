@@ -1,4 +1,4 @@
-"""What the comparison measures: one solver on one problem, and the counts of one solver on one family.
+"""What the comparison measures: one solver on one problem, and how a file keeps it.
 
 A feasible problem is solved where worst ≤ 1e-9 (the referee's), an infeasible one where the Farkas vector y has
 residual ≤ 1e-6 and, behind the preparation, the direction violates least to 1e-9; claimed optimal with worst > 1e-6
@@ -6,12 +6,10 @@ is silently wrong. Times are CPU seconds, quoted as ratios to the default solver
 """
 
 import csv
-import math
-import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from .whole_file import whole_file
 
@@ -62,102 +60,38 @@ class Measurement:
     limit: float
     noise: bool
 
-    @property
-    def scored_ratio(self) -> float | None:
-        """The ratio that enters a mean: limit over the default's seconds for a failure, None for unsupported."""
-        if self.outcome == "unsupported":
-            return None
-        return self.ratio if self.outcome in SOLVED else max(self.ratio, self.limit * self.ratio / self.seconds)
 
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """One solver × variant × family: how often each outcome, how near, how slow.
-
-    problems: their number, the sum of the nine counts that follow; distance_*: over the distances there are (None
-    without); time_ratio: geometric mean of the scored ratios (None where all is unsupported); worst_median: of the
-    answered problems (None without).
-    """
-
-    solver: str
-    variant: str
-    family: str
-    problems: int
-    success: int
-    inaccurate: int
-    silently_wrong: int
-    honest_failure: int
-    false_infeasible: int
-    missed_infeasible: int
-    hang: int
-    crash: int
-    unsupported: int
-    noise: int
-    distance_median: float | None
-    distance_max: float | None
-    time_ratio: float | None
-    worst_median: float | None
-
-
-def cells_of(measurements: Iterable[Measurement]) -> list[Cell]:
-    """The counts of each solver × variant × family, in the order in which they first come."""
-    groups: dict[tuple[str, str, str], list[Measurement]] = {}
-    for each in measurements:
-        groups.setdefault((each.solver, each.variant, each.family), []).append(each)
-    return [_cell(key, group) for key, group in groups.items()]
-
-
-def _cell(key: tuple[str, str, str], group: Sequence[Measurement]) -> Cell:
-    solver, variant, family = key
-    counts = {name.replace("-", "_"): sum(each.outcome == name for each in group) for name in OUTCOMES}
-    distances = [each.distance for each in group if each.distance is not None]
-    ratios = [each.scored_ratio for each in group if each.scored_ratio is not None]
-    worsts = [each.worst for each in group if each.status and each.outcome != "unsupported"]
-    return Cell(
-        solver=solver,
-        variant=variant,
-        family=family,
-        problems=len(group),
-        noise=sum(each.noise for each in group),
-        distance_median=statistics.median(distances) if distances else None,
-        distance_max=max(distances, default=None),
-        time_ratio=math.exp(statistics.fmean(map(math.log, ratios))) if ratios else None,
-        worst_median=statistics.median(worsts) if worsts else None,
-        **counts,
-    )
-
-
-T = TypeVar("T", Measurement, Cell)
+COLUMNS = [field.name for field in fields(Measurement)]
 
 
 def write_measurements(path: Path, measurements: Iterable[Measurement]) -> None:
     """measurements.csv: a row per Measurement; written beside and moved, so that there is always a whole file."""
-    _write(path, Measurement, measurements)
+    with whole_file(path) as beside, beside.open("w", encoding="utf-8", errors=AS_BYTES, newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(map(to_row, measurements))
 
 
 def read_measurements(path: Path) -> list[Measurement]:
     """What `write_measurements` wrote, bit for bit. ValueError where the columns are others."""
-    return _read(path, Measurement)
+    with path.open(encoding="utf-8", errors=AS_BYTES, newline="") as file:
+        reader = csv.DictReader(file)
+        found = list(reader.fieldnames or ())
+        if found != COLUMNS:
+            raise ValueError(f"{path} should have the columns {', '.join(COLUMNS)}; found {', '.join(found)}")
+        return [from_row(row) for row in reader]
 
 
-def write_cells(path: Path, cells: Iterable[Cell]) -> None:
-    """solvers.csv: a row per Cell, first column `solver` as in SOLVERS."""
-    _write(path, Cell, cells)
-
-
-def read_cells(path: Path) -> list[Cell]:
-    """What `write_cells` wrote, bit for bit. ValueError where the columns are others."""
-    return _read(path, Cell)
-
-
-def columns(kind: type[Measurement] | type[Cell]) -> list[str]:
-    """The columns of a kind's CSV."""
-    return [field.name for field in fields(kind)]
-
-
-def to_row(record: Measurement | Cell) -> dict[str, str]:
+def to_row(measurement: Measurement) -> dict[str, str]:
     """Column → text: numbers as Python writes them, an empty cell for None, 0 or 1 for a truth value."""
-    return {name: _text(value) for name, value in asdict(record).items()}
+    return {name: _text(value) for name, value in asdict(measurement).items()}
+
+
+def from_row(row: Mapping[str, str | None]) -> Measurement:
+    """The measurement of a row of text; ValueError where it is cut short."""
+    if any(row.get(name) is None for name in COLUMNS):
+        raise ValueError(f"a row should have {len(COLUMNS)} cells; found {list(row.values())}")
+    return Measurement(**{field.name: _READERS[field.type](str(row[field.name])) for field in fields(Measurement)})
 
 
 def _text(value: Any) -> str:
@@ -173,26 +107,3 @@ _READERS: Mapping[Any, Callable[[str], Any]] = {
     bool: lambda text: bool(int(text)),
     float | None: lambda text: float(text) if text else None,
 }
-
-
-def _write(path: Path, kind: type[Measurement] | type[Cell], records: Iterable[Measurement | Cell]) -> None:
-    with whole_file(path) as beside, beside.open("w", encoding="utf-8", errors=AS_BYTES, newline="") as file:
-        writer = csv.DictWriter(file, columns(kind), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(to_row(record) for record in records)
-
-
-def _read(path: Path, kind: type[T]) -> list[T]:
-    with path.open(encoding="utf-8", errors=AS_BYTES, newline="") as file:
-        reader = csv.DictReader(file)
-        found = list(reader.fieldnames or ())
-        if found != columns(kind):
-            raise ValueError(f"{path} should have the columns {', '.join(columns(kind))}; found {', '.join(found)}")
-        return [from_row(kind, row) for row in reader]
-
-
-def from_row(kind: type[T], row: Mapping[str, str | None]) -> T:
-    """The record of a row of text; ValueError where it is cut short."""
-    if any(row.get(name) is None for name in columns(kind)):
-        raise ValueError(f"a row should have {len(columns(kind))} cells; found {list(row.values())}")
-    return kind(**{field.name: _READERS[field.type](str(row[field.name])) for field in fields(kind)})

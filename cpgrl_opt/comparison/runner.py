@@ -1,14 +1,13 @@
 """Every solver × variant on every family: each cell in a worker process, the finished ones written at once."""
 
 import queue
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
 from ..isolation import Isolated
-from ..solvers import SOLVERS
 from ..validation import require_count
 from .bench import Order, isolated_bench, measurement_of
 from .cell_keys import cell_keys
@@ -16,7 +15,7 @@ from .checkpoint import CellKey, Checkpoint
 from .contestants import installed, variants_of
 from .families import FAMILIES
 from .measurement import Measurement
-from .named_families import digests, family_named
+from .named_families import family_named
 
 COMMON_PACKAGES = ("python", "cpgrl-opt", "numpy", "scipy", "numba", "qpsolvers")  # all cells stand on these
 _LARGE_SHARE = 5  # of a family of large problems, one problem in five
@@ -96,7 +95,7 @@ def run_comparison(
     require_count("jobs", jobs)
     cells = settings.cells()
     keys = cell_keys(cells)
-    done = checkpoint.finished(cells, keys, lambda cell: _is_trusted(cell, checkpoint.changed))
+    done = checkpoint.finished(cells, keys)
     remaining = [cell for cell in cells if cell not in done]
     start = monotonic()
     try:
@@ -115,24 +114,15 @@ def run_comparison(
     return ordered
 
 
-def open_checkpoint(settings: ComparisonSettings, folder: Path, versions: object, *, anew: bool = False) -> Checkpoint:
+def open_checkpoint(
+    settings: ComparisonSettings, folder: Path, versions: Mapping[str, str], *, anew: bool = False
+) -> Checkpoint:
     """The folder's checkpoint; see `Checkpoint` for when it is refused.
 
     What only some cells were measured on may change: these are measured anew.
     """
     facts = {name: getattr(settings, name) for name in ("problems", "seed", "repeats", "limit")}
-    facts |= {"versions": versions, "recordings": digests(settings.families)}
-    return Checkpoint(folder, facts, anew=anew, free=_belongs_to_some_cells)
-
-
-def _belongs_to_some_cells(setting: str, name: str) -> bool:
-    return setting == "recordings" or (setting == "versions" and name not in COMMON_PACKAGES)
-
-
-def _is_trusted(cell: CellKey, changed: Collection[str]) -> bool:
-    """Of a cell without a key: our own solvers, where neither the version of the package nor the recording changed."""
-    solver, _, family = cell
-    return solver in SOLVERS and family not in changed and getattr(SOLVERS[solver], "package", None) not in changed
+    return Checkpoint(folder, facts | {"versions": versions}, fixed=COMMON_PACKAGES, anew=anew)
 
 
 def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterator[list[Measurement]]:

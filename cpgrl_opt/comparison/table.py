@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .measurement import AS_BYTES, OUTCOMES, SOLVED, Measurement, columns
+from .measurement import AS_BYTES, COLUMNS, OUTCOMES, SOLVED, Measurement
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,15 +52,15 @@ def load(folder: Path | str) -> "pd.DataFrame":
     path = Path(folder) / "measurements.csv"
     told = {"keep_default_na": False, "na_values": {"distance": [""]}, "encoding_errors": "replace", "dtype": _TEXT}
     frame: pd.DataFrame = pandas().read_csv(path, **told)
-    if list(frame.columns) != columns(Measurement):
-        raise ValueError(f"{path} should have the columns {columns(Measurement)}; found {list(frame.columns)}")
+    if list(frame.columns) != COLUMNS:
+        raise ValueError(f"{path} should have the columns {COLUMNS}; found {list(frame.columns)}")
     return frame
 
 
 def as_table(measurements: Sequence[Measurement]) -> "pd.DataFrame":
     """The same of measurements in memory."""
     rows = [vars(each) | {"solver": readable(each.solver), "family": readable(each.family)} for each in measurements]
-    frame: pd.DataFrame = pandas().DataFrame(rows, columns=columns(Measurement))
+    frame: pd.DataFrame = pandas().DataFrame(rows, columns=COLUMNS)
     return frame.astype({"distance": float})
 
 
@@ -89,6 +89,21 @@ def count(table: "pd.DataFrame", by: Sequence[str], ill_posed: Collection[str] =
     found["distance"], found["ill_posed"] = groups["_near"].max(), groups["_far"].max()
     found["time"] = np.exp(groups["_log"].mean())
     return found
+
+
+def count_cells(table: "pd.DataFrame") -> "pd.DataFrame":
+    """solvers.csv: how often each outcome, how near, how slow, of each solver × variant × family.
+
+    problems: their number, the sum of the nine counts that follow; distance_*: over the distances there are;
+    time_ratio: geometric mean, failures at the limit, none where all is unsupported; worst_median: of what is answered.
+    """
+    cell = ["solver", "variant", "family"]
+    is_answered = (table["status"] != "") & (table["outcome"] != "unsupported")
+    counts, groups = count(table, cell), table.assign(worst=table["worst"].where(is_answered)).groupby(cell, sort=False)
+    found = counts[["problems", *OUTCOMES, "noise"]].rename(columns=lambda name: name.replace("-", "_"))
+    found["distance_median"], found["distance_max"] = groups["distance"].median(), groups["distance"].max()
+    found["time_ratio"], found["worst_median"] = counts["time"], groups["worst"].median()
+    return found.reset_index()
 
 
 def rank(counts: "pd.DataFrame") -> "pd.DataFrame":

@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 from cpgrl_opt import SOLVERS, DirectionProblem
 from cpgrl_opt.comparison.command import Request, run_command
-from cpgrl_opt.comparison.measurement import Measurement, write_measurements
-from cpgrl_opt.comparison.runner import open_checkpoint
 from cpgrl_opt.solvers import UnusablePackageError, is_installed, is_usable, obstacle
 from cpgrl_opt.solvers.packages import require_packages
 from rl.cli import app
 from rl.experiments.three_state import ThreeStateExperiment
+
+from .comparisons import finish
 
 LIBGOMP = "libgomp.so.1: cannot open shared object file"
 Break = Callable[..., None]
@@ -80,12 +80,7 @@ def test_a_comparison_of_all_goes_on_with_the_others_and_says_so(
     settings, absent = request.settings()
     assert settings.solvers == ("active-set",)
     assert absent == {"proxqp": f"broken: {LIBGOMP}"}
-    done = Measurement(
-        solver="active-set", variant="prepared", family="zero-rows", problem=0, n=9, m=4, status="OPTIMAL",
-        outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=2.0, noise=False,
-    )  # fmt: skip
-    open_checkpoint(settings, tmp_path, {}).finished({})
-    write_measurements(tmp_path / "measurements.csv", [done])
+    finish(settings, tmp_path, {})
     monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     said: list[str] = []
     run_command(request, tmp_path, jobs=1, anew=False, say=said.append)

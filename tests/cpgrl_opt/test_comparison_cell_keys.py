@@ -1,7 +1,5 @@
 """A cell of the comparison is as good as what it was measured on: what has changed is measured anew, and only that."""
 
-import json
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +10,11 @@ from cpgrl_opt.comparison import cell_keys as keys_module
 from cpgrl_opt.comparison import machine
 from cpgrl_opt.comparison.cell_keys import cell_keys, settings_of
 from cpgrl_opt.comparison.command import Request, run_command
-from cpgrl_opt.comparison.measurement import Measurement, read_measurements, write_measurements
+from cpgrl_opt.comparison.measurement import read_measurements
 from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint, run_comparison
 from cpgrl_opt.comparison.sources import sources_of
+
+from .comparisons import finish
 
 WRONG = """
 from cpgrl_opt import SOLVERS
@@ -27,7 +27,6 @@ class Mine:
 
 S = Mine()
 """
-COMMITTED = Path(__file__).parents[2] / "benchmarks" / "results" / "compare"
 
 
 @pytest.fixture
@@ -59,7 +58,7 @@ def test_rows_that_are_stale_leave_the_file_before_others_are_measured(
 ) -> None:
     (folder / "gone.py").write_text(WRONG, encoding="utf-8")
     settings = ComparisonSettings(solvers=("active-set", "gone:S"), families=("zero-rows", "duplicate"), problems=1)
-    run_comparison(settings, open_checkpoint(settings, folder / "out", {}))
+    finish(settings, folder / "out", {})
     (folder / "gone.py").write_text(WRONG + "# mended\n", encoding="utf-8")
     monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
     part = replace(settings, families=("zero-rows",))
@@ -72,58 +71,11 @@ def test_rows_that_are_stale_leave_the_file_before_others_are_measured(
     with pytest.raises(KeyError):
         run_comparison(settings, whole)
     assert whole.stale == [("gone:S", "prepared", "duplicate")], "found out once it is asked for"
-
-
-def test_somebody_s_own_solver_is_not_trusted_where_nobody_wrote_what_it_was(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (folder / "unknown.py").write_text(WRONG, encoding="utf-8")
-    settings = ComparisonSettings(solvers=("active-set", "unknown:S"), families=("zero-rows",), problems=1)
-    row = Measurement(
-        solver="active-set", variant="prepared", family="zero-rows", problem=0, n=9, m=4, status="OPTIMAL",
-        outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
-    )  # fmt: skip
-    open_checkpoint(settings, folder / "out", {})
-    write_measurements(folder / "out" / "measurements.csv", [row, replace(row, solver="unknown:S")])
-    monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
-    checkpoint = open_checkpoint(settings, folder / "out", {})
-    with pytest.raises(KeyError):  # nothing is measured here
-        run_comparison(settings, checkpoint)
-    assert checkpoint.stale == [("unknown:S", "prepared", "zero-rows")]
-
-
-@pytest.fixture
-def old(tmp_path: Path) -> "Old":
-    """A part of the committed comparison, which is older than keys.csv: the folder, its versions and its settings."""
-    header, *lines = (COMMITTED / "measurements.csv").read_text(encoding="utf-8").splitlines(keepends=True)
-    (tmp_path / "measurements.csv").write_text(header + "".join(line for line in lines if ",zero-rows," in line))
-    shutil.copy(COMMITTED / "settings.json", tmp_path)
-    versions = json.loads((tmp_path / "settings.json").read_text(encoding="utf-8"))["versions"]
-    return tmp_path, versions, ComparisonSettings(solvers=("active-set", "osqp"), families=("zero-rows",))
-
-
-Old = tuple[Path, dict[str, str], ComparisonSettings]
-
-
-def test_a_folder_from_before_the_keys_is_taken_as_it_is(old: Old, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, versions, settings = old
-    before = read_measurements(folder / "measurements.csv")
-    monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
-    measured = run_comparison(settings, open_checkpoint(settings, folder, versions))
-    assert measured == [each for each in before if each.solver in settings.solvers]
-    assert len(measured) == 60
-    assert len(read_measurements(folder / "measurements.csv")) == len(before)
-
-
-def test_there_too_a_package_of_another_version_makes_its_solver_s_cells_stale(
-    old: Old, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder, versions, settings = old
-    checkpoint = open_checkpoint(settings, folder, versions | {"osqp": "0.6.7"})
-    monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
-    with pytest.raises(KeyError):  # nothing is measured here
-        run_comparison(settings, checkpoint)
-    assert {solver for solver, _, _ in checkpoint.stale} == {"osqp"}
+    (folder / "out" / "keys.csv").unlink()
+    whole = open_checkpoint(settings, folder / "out", {})
+    with pytest.raises(KeyError):
+        run_comparison(settings, whole)
+    assert {solver for solver, *_ in whole.stale} == {"active-set"}, "nobody wrote what it was measured on"
 
 
 CELLS = [("active-set", "prepared", "zero-rows"), ("osqp", "prepared", "zero-rows"), ("osqp", "raw", "duplicate")]

@@ -11,15 +11,10 @@ import pytest
 from cpgrl_opt import MissingPackageError
 from cpgrl_opt.comparison.command import QUICK_FAMILIES, Request, compare, run_command
 from cpgrl_opt.comparison.families import FAMILIES
-from cpgrl_opt.comparison.measurement import (
-    Measurement,
-    cells_of,
-    read_cells,
-    read_measurements,
-    write_measurements,
-)
-from cpgrl_opt.comparison.runner import open_checkpoint
+from cpgrl_opt.comparison.measurement import read_measurements
 from cpgrl_opt.comparison.table import as_table, count
+
+from .comparisons import finish, measurement
 
 TINY = Request(solvers=["active-set", "nnls", "scs"], families=["zero-rows*"], problems=2)
 
@@ -39,7 +34,6 @@ def test_it_writes_the_files_says_what_is_missing_and_does_nothing_twice(
     assert [row[0] for row in rows[1:]] == ["active-set", "nnls", "nnls"] * 2
     assert "| scs | not installed |" in (tmp_path / "report.md").read_text()
     measurements = read_measurements(tmp_path / "measurements.csv")
-    assert read_cells(tmp_path / "solvers.csv") == cells_of(measurements)
     assert all(each.outcome == "success" for each in measurements if each.variant == "prepared")
 
     monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
@@ -60,32 +54,22 @@ def test_a_package_that_cannot_be_imported_is_no_crash_of_its_solver(
 def test_a_part_is_reported_alone_and_drops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = replace(TINY, solvers=["active-set"])
     settings, _ = whole.settings()
-    done = [
-        Measurement(
-            solver="active-set", variant="prepared", family=family, problem=number, n=9, m=4, status="OPTIMAL",
-            outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
-        )
-        for family in settings.families for number in range(2)
-    ]  # fmt: skip
-    open_checkpoint(settings, tmp_path, {}).finished({})
-    write_measurements(tmp_path / "measurements.csv", done)
+    done = finish(settings, tmp_path, {})
     monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     said: list[str] = []
     run_command(replace(whole, families=["zero-rows"]), tmp_path, jobs=1, anew=False, say=said.append)
     assert said[-1] == "measurements.csv keeps what was finished before and not asked for now, unreported: cells: 1."
     assert "zero-rows-equality" not in (tmp_path / "report.md").read_text()
-    assert [each.family for each in read_cells(tmp_path / "solvers.csv")] == ["zero-rows"]
+    with (tmp_path / "solvers.csv").open() as file:
+        assert [row["family"] for row in csv.DictReader(file)] == ["zero-rows"]
     monkeypatch.setattr("cpgrl_opt.comparison.runner.monotonic", iter(range(0, 1000, 100)).__next__)
     assert compare(whole, tmp_path).measurements == done
     assert '"wall_seconds": 0.0' in (tmp_path / "settings.json").read_text(), "nothing was measured"
 
 
-def test_a_quick_comparison_has_a_folder_of_its_own() -> None:
+def test_quick_is_a_part_of_the_whole() -> None:
     assert Request().folder() == Path("cpgrl-output/compare")
     assert Request(quick=True).folder() == Path("cpgrl-output/compare-quick")
-
-
-def test_quick_is_a_part_of_the_whole() -> None:
     quick, _ = Request(quick=True, solvers=["active-set"]).settings()
     whole, _ = Request(solvers=["active-set"]).settings()
     assert set(quick.families) == set(QUICK_FAMILIES) < set(whole.families) == set(FAMILIES)
@@ -106,11 +90,8 @@ def test_large_families_are_tried_on_fewer_problems_and_not_raw() -> None:
 
 
 def test_a_summary_leaves_out_what_a_solver_does_not_take() -> None:
-    solved = Measurement(
-        solver="rosen", variant="prepared", family="duplicate", problem=0, n=9, m=4, status="OPTIMAL",
-        outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=2.0, limit=5.0, noise=False,
-    )  # fmt: skip
-    wrong = replace(solved, family="zero-rows", outcome="silently-wrong", ratio=4.0, seconds=2e-5)
+    solved = measurement(solver="rosen", ratio=2.0)
+    wrong = replace(solved, family="duplicate", outcome="silently-wrong", ratio=4.0, seconds=2e-5)
     other = replace(solved, family="infeasible", outcome="unsupported", ratio=0.0, seconds=0.0)
     # (2 · 2 · 5 s / 5 µs)^(1/3) is what 5 s for the wrong one make of it.
     found = count(as_table([solved, replace(solved, problem=1), wrong, other]), ["solver"]).loc["rosen"]

@@ -49,9 +49,6 @@ def test_another_recording_at_the_same_path_is_measured_anew(own: Recording, tmp
     assert after.measurements[:6] == before.measurements[:6], "of the other family, to the last digit of their times"
     assert {each.status for each in after.measurements[6:]} == {"OPTIMAL"}
     assert "INFEASIBLE" in {each.status for each in before.measurements[6:]}
-    (tmp_path / "out" / "keys.csv").unlink()  # as in a folder older than it: settings.json tells
-    own.save(Path("own.npz"))
-    assert compare(MIXED, Path("out")).renewed == [("active-set", "prepared", "own.npz")]
 
 
 def test_a_file_that_changes_is_read_again(own: Recording) -> None:

@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 from markdown_it import MarkdownIt  # which rich needs
 
-from cpgrl_opt.comparison.measurement import OUTCOMES, Measurement, cells_of
+from cpgrl_opt.comparison.measurement import OUTCOMES, Measurement
 from cpgrl_opt.comparison.report import ReportContext, percent_text, write_report
+from cpgrl_opt.comparison.table import as_table, count_cells
+
+from . import comparisons
 
 SOLVERS = ("active-set", "nnls", "quadprog", "osqp", "rosen")
 FAMILIES = {
@@ -24,10 +27,8 @@ HOSTILE = "<script>alert('x')</script>&\"|"
 
 
 def measurement(solver: str, variant: str, family: str, problem: int, outcome: str, ratio: float = 1.0) -> Measurement:
-    return Measurement(
-        solver=solver, variant=variant, family=family, problem=problem, n=9, m=3, status="OPTIMAL", outcome=outcome,
-        worst=1e-15, distance=1e-15, seconds=1e-5 * ratio, ratio=ratio, limit=1.0, noise=False,
-    )  # fmt: skip
+    told = {"solver": solver, "variant": variant, "family": family, "problem": problem, "outcome": outcome}
+    return comparisons.measurement(**told, worst=1e-15, distance=1e-15, ratio=ratio, seconds=1e-5 * ratio, limit=1.0)
 
 
 def drawn(seed: int = 0, problems: int = 8) -> list[Measurement]:
@@ -114,7 +115,7 @@ def test_the_same_input_gives_the_same_bytes(documents: tuple[str, str], tmp_pat
 
 
 def test_the_success_map_shows_every_cell(documents: tuple[str, str]) -> None:
-    cells = {(cell.solver, cell.variant, cell.family): cell for cell in cells_of(drawn())}
+    cells = {(cell.solver, cell.variant, cell.family): cell for cell in count_cells(as_table(drawn())).itertuples()}
     maps = [table for table in Page(documents[1]).tables if table[0][0] == "family" and table[0][1] in SOLVERS]
     for grid, variant in zip(maps[:2], ("prepared", "raw"), strict=True):
         solvers = grid[0][1:]
@@ -127,7 +128,7 @@ def test_the_success_map_shows_every_cell(documents: tuple[str, str]) -> None:
 
 
 def test_the_main_table_of_both_documents_is_that_of_the_cells(documents: tuple[str, str]) -> None:
-    cells = cells_of(drawn())
+    cells = [*count_cells(as_table(drawn())).itertuples()]
     (page,) = [t for t in Page(documents[1]).tables if "honest failure %" in t[0]]
     lines = [line for line in documents[0].splitlines() if line.startswith("| `")][: len(page) - 1]
     for row, line in zip(page[1:], lines, strict=True):

@@ -14,6 +14,8 @@ from cpgrl_opt.comparison.measurement import Measurement, read_measurements
 from cpgrl_opt.comparison.runner import ComparisonSettings, Listen, open_checkpoint, run_comparison
 from cpgrl_opt.exact import exact_answer
 
+from .comparisons import finish
+
 MISCONDUCT = """
 import os, sys, time
 import numpy as np
@@ -123,16 +125,7 @@ def test_an_interrupted_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
 
 def test_cells_that_are_not_asked_for_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = ComparisonSettings(solvers=("active-set", "nnls"), families=("zero-rows", "duplicate"), problems=2)
-    checkpoint = open_checkpoint(whole, tmp_path, {"numpy": "2.4", "scipy": "1.17"})
-    checkpoint.finished({})
-    rows = [
-        Measurement(
-            solver=solver, variant=variant, family=family, problem=number, n=9, m=4, status="OPTIMAL",
-            outcome="success", worst=0.0, distance=None, seconds=1e-5, ratio=1.0, limit=5.0, noise=False,
-        )
-        for solver, variant, family in whole.cells() for number in range(2)
-    ]  # fmt: skip
-    checkpoint.append(rows)
+    rows = finish(whole, tmp_path, {"numpy": "2.4", "scipy": "1.17"})
     monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
     part = replace(whole, solvers=("active-set",), families=("duplicate",))
     others = {"numpy": "2.4", "osqp": "1.1"}  # another solver stands on other packages
