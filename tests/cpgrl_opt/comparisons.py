@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from cpgrl_opt.comparison.bench import Bench
 from cpgrl_opt.comparison.cell_keys import cell_keys
 from cpgrl_opt.comparison.measurement import Measurement
 from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint
@@ -30,3 +31,16 @@ def finish(settings: ComparisonSettings, folder: Path, versions: dict[str, str])
         checkpoint.append(rows, keys[cell])
         finished += rows
     return finished
+
+
+class BenchHere:
+    """In place of `isolated_bench`: measures in the test's process, which need not be started."""
+
+    def __init__(self) -> None:
+        self.bench = Bench()
+
+    def apply(self, method: str, *arguments: Any, **_: float) -> Any:
+        return getattr(self.bench, method.removeprefix("."))(*arguments)
+
+    def close(self) -> None:
+        pass

@@ -1,5 +1,6 @@
 """A cell of the comparison is as good as what it was measured on: what has changed is measured anew, and only that."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from cpgrl_opt.comparison.measurement import read_measurements
 from cpgrl_opt.comparison.runner import ComparisonSettings, open_checkpoint, run_comparison
 from cpgrl_opt.comparison.sources import sources_of
 
-from .comparisons import finish
+from .comparisons import BenchHere, finish
 
 WRONG = """
 from cpgrl_opt import SOLVERS
@@ -37,7 +38,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_mended_solver_is_measured_anew_and_the_others_are_kept(folder: Path) -> None:
+def test_a_mended_solver_is_measured_anew_and_the_others_are_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cpgrl_opt.comparison.runner.isolated_bench", BenchHere)
     (folder / "mended.py").write_text(WRONG, encoding="utf-8")
     request = Request(solvers=["active-set", "mended:S"], families=["zero-rows"], problems=2, quick=True)
     said: list[str] = []
@@ -45,7 +49,8 @@ def test_a_mended_solver_is_measured_anew_and_the_others_are_kept(folder: Path) 
     before = read_measurements(folder / "out" / "measurements.csv")
     assert [each.outcome for each in before] == ["success"] * 2 + ["silently-wrong"] * 2
     assert not any("anew" in words for words in said)
-    (folder / "mended.py").write_text(WRONG.replace("+= 1.0", "+= 0.0"), encoding="utf-8")
+    (folder / "mended.py").write_text(WRONG.replace("+= 1.0", "+= 0.00"), encoding="utf-8")
+    monkeypatch.delitem(sys.modules, "mended")
     run_command(request, folder / "out", jobs=1, anew=False, say=said.append)
     after = read_measurements(folder / "out" / "measurements.csv")
     assert [each.outcome for each in after] == ["success"] * 4

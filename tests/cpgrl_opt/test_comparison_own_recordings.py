@@ -11,6 +11,8 @@ from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.comparison.named_families import families_asked, family_named
 from cpgrl_opt.comparison.recording import Recording, empty_recording, shipped_recording
 
+from .comparisons import BenchHere
+
 MIXED = Request(solvers=["active-set"], families=["own.npz", "zero-rows"], problems=6)
 
 
@@ -18,6 +20,7 @@ MIXED = Request(solvers=["active-set"], families=["own.npz", "zero-rows"], probl
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recording:
     """own.npz in the current folder: two problems met, and between them one that is infeasible."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cpgrl_opt.comparison.runner.isolated_bench", BenchHere)
     recording = shipped_recording("three-state").chosen(slice(0, 3))
     jacobian, bound, equality = recording.jacobian.copy(), recording.bound.copy(), recording.equality.copy()
     jacobian[1, 1], bound[1], equality[1] = -jacobian[1, 0], [1.0, 1.0, -np.inf], False
@@ -36,7 +39,7 @@ def test_a_recording_is_compared_beside_named_families_and_resumed(
     assert verdicts == {"OPTIMAL", "INFEASIBLE"}, "feasible and infeasible problems are judged one by one"
     assert "| `own.npz` | problems met in training" in Path("out/report.md").read_text(encoding="utf-8")
 
-    monkeypatch.setattr("cpgrl_opt.isolation.process_group.Popen", None)  # no worker is needed
+    monkeypatch.setattr("cpgrl_opt.comparison.runner.isolated_bench", None)  # nothing is left to measure
     assert compare(MIXED, Path("out")).measurements == done.measurements
     assert compare(replace(MIXED, families=["./own.npz"]), Path("out")).kept == 1
 
