@@ -8,25 +8,20 @@ import numpy as np
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..scaling import lengths
-from ..settings import CheckedSettings
-from ..solvers.interface import unsupported
-from .interface import Declaration, gradients_of, is_cone
+from .interface import Declaration, PublishedMethod, gradients_of
 
 # ‖r‖ that rounding leaves of rows that sum to 0, over the longest row.
 _ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class AGEM(CheckedSettings):
+class AGEM(PublishedMethod):
     """g̃ = g where gᵀr ≥ 0, else g − (gᵀr / rᵀr) r,   r = (1/m) Σ J_k.
 
     The projection onto the one half-space rᵀd ≥ 0, so our cone problem where m = 1; otherwise that of another, larger
     set: Σ J_k d ≥ 0 allows one constraint to be harmed as long as the others gain more. μ_k = −(gᵀr / rᵀr)/m.
-    tolerance: what the kit holds it to.
     Source: Chaudhry et al. 2019, Efficient lifelong learning with A-GEM, eq. 11 (r is their g_ref).
     """
-
-    tolerance: float = 1e-6
 
     declaration: ClassVar[Declaration] = Declaration(
         "A-GEM",
@@ -44,14 +39,8 @@ class AGEM(CheckedSettings):
         },
     )
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """J d ≥ 0."""
-        return is_cone(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def answer(self, problem: DirectionProblem) -> Direction:
         """g̃, claimed to be OPTIMAL."""
-        if not self.supports(problem):
-            return unsupported(problem)
         gradient, rows = gradients_of(problem)
         multipliers = np.zeros(problem.m)
         reference = rows.mean(axis=0) if len(rows) else np.zeros(problem.n)

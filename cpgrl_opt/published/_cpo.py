@@ -9,18 +9,16 @@ from ..arrays import Vector
 from ..certify import certify
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from ..settings import CheckedSettings
 from ..solvers.infeasibility import infeasible_direction
-from ..solvers.interface import unsupported
 from .interface import Declaration
-from .trust_region import OneRowBall, in_ball, is_one_row_ball
+from .trust_region import OneRowBall, OneRowMethod, in_ball
 
 # ‖g − (r/s) J‖ in units of ‖g‖ below which g and J point the same way, or opposite ways.
 _PARALLEL = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class CPO(CheckedSettings):
+class CPO(OneRowMethod):
     """x* = (1/λ*) H⁻¹(g + ν*J),  ν* = (λ*c − r)₊ / s,  q = gᵀH⁻¹g, r = gᵀH⁻¹Jᵀ, s = JH⁻¹Jᵀ, δ = radius², for
 
         max gᵀx  s.t.  J x ≥ c,  xᵀHx ≤ δ
@@ -34,9 +32,6 @@ class CPO(CheckedSettings):
     Source: Achiam et al. 2017, Constrained policy optimization, eq. 11–14 and Theorem 2 of the supplement.
     """
 
-    tolerance: float = 1e-6
-
-    takes_geometry: ClassVar[bool] = True
     declaration: ClassVar[Declaration] = Declaration(
         "CPO",
         "H⁻¹(g + ν*J)/λ*",
@@ -44,14 +39,8 @@ class CPO(CheckedSettings):
         "the trust region in a metric, for one constraint",
     )
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """A radius, and at most one inequality."""
-        return is_one_row_ball(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def answer(self, problem: DirectionProblem) -> Direction:
         """x*, with κ = λ* and μ = ν*."""
-        if not self.supports(problem):
-            return unsupported(problem)
         ball = in_ball(problem)
         if ball.bound > 1.0:  # of 0·x ≥ c > 0 too, which no step brings nearer
             step = ball.row if ball.row.any() else ball.gradient

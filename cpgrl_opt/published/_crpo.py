@@ -7,25 +7,22 @@ import numpy as np
 
 from ..direction import Direction
 from ..problem import DirectionProblem
-from ..settings import CheckedSettings
-from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from .function_solver import claimed_direction
-from .interface import Declaration, gradients_of
+from .interface import Declaration, PublishedMethod, gradients_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class CRPO(CheckedSettings):
+class CRPO(PublishedMethod):
     """d = g where bᵢ ≤ η for all i, else Jᵢ of a violated constraint: here that of the largest bᵢ.
 
     In a linearized problem J d ≥ b a bound bᵢ > 0 is what constraint i lacks (`restoring`): Gᵢ − ρᵢ up to a factor. A
     switch between gradients, not a projection: in an update it looks at one of them only. slack_allowed η ≥ 0, in the
-    unit of b. tolerance: what the kit holds it to.
+    unit of b.
     Source: Xu, Liang & Lan 2021, CRPO: a new approach for safe reinforcement learning, Algorithm 1, lines 5–10.
     """
 
     slack_allowed: float = 0.0
-    tolerance: float = 1e-6
 
     declaration: ClassVar[Declaration] = Declaration(
         "CRPO",
@@ -55,10 +52,8 @@ class CRPO(CheckedSettings):
         """J d ≥ b."""
         return not problem.equality.any() and problem.metric is None and problem.radius is None
 
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def answer(self, problem: DirectionProblem) -> Direction:
         """g or a row of J, claimed to be OPTIMAL."""
-        if not self.supports(problem):
-            return unsupported(problem)
         gradient, _ = gradients_of(problem)
         violated = problem.m > 0 and problem.bound.max() > self.slack_allowed
         value = problem.jacobian[int(np.argmax(problem.bound))] if violated else gradient

@@ -8,17 +8,15 @@ import numpy as np
 from ..certify import certify
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
-from ..settings import CheckedSettings
 from ..solvers.infeasibility import infeasible_direction
-from ..solvers.interface import unsupported
 from ..validation import require_nonnegative
 from ._dual_cone import dual_projection
 from .function_solver import claimed_direction
-from .interface import Declaration, gradients_of, is_cone
+from .interface import Declaration, PublishedMethod, gradients_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class GEM(CheckedSettings):
+class GEM(PublishedMethod):
     """g̃ = g + Jᵀ(v* + γ),   v* = argmin_{v ≥ 0} ½ vᵀJJᵀv + gᵀJᵀv.
 
     With γ = 0 the dual of min ½‖g − g̃‖² s.t. ⟨g̃, g_k⟩ ≥ 0, so our cone problem: rows J_k = g_k, b = 0, μ = v*. The
@@ -30,7 +28,6 @@ class GEM(CheckedSettings):
     """
 
     memory_strength: float = 0.0
-    tolerance: float = 1e-6
 
     declaration: ClassVar[Declaration] = Declaration(
         "GEM",
@@ -43,14 +40,8 @@ class GEM(CheckedSettings):
         super().__post_init__()
         require_nonnegative("memory_strength", self.memory_strength)
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """J d ≥ 0."""
-        return is_cone(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def answer(self, problem: DirectionProblem) -> Direction:
         """g̃ and v*; at γ = 0 the referee judges it."""
-        if not self.supports(problem):
-            return unsupported(problem)
         gradient, rows = gradients_of(problem)
         value, weights = dual_projection(gradient, rows)
         if self.memory_strength > 0:

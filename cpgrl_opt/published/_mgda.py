@@ -6,30 +6,23 @@ from typing import ClassVar
 import numpy as np
 
 from ..arrays import Float, Jacobian, Vector
-from ..direction import Direction
-from ..problem import DirectionProblem
 from ..scaling import lengths, unit_rows
-from ..settings import CheckedSettings
-from ..solvers.interface import unsupported
 from ._dual_cone import nonnegative_least_squares
-from .function_solver import claimed_direction
-from .interface import Declaration, is_cone, stacked_gradients
+from .interface import Declaration, TaskMethod
 
 # ‖d‖ that rounding leaves of 0, over Σwᵢ‖gᵢ‖.
 _ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class MGDA(CheckedSettings):
+class MGDA(TaskMethod):
     """d = argmin {‖ω‖ : ω = Σ wᵢgᵢ, wᵢ ≥ 0, Σ wᵢ = 1}.
 
     The tasks are the objective and the constraints alike, g₀ = g and gᵢ = Jᵢ. At the minimum ⟨d, gᵢ⟩ ≥ ‖d‖², equal
     where wᵢ > 0: d climbs for all tasks, or is 0 where no direction does. So J d ≥ 0, but d is in general neither
-    near g nor of its length. tolerance: what the kit holds it to.
+    near g nor of its length.
     Source: Désidéri 2012, Multiple-gradient descent algorithm, eq. 3, Lemma 2.1 and Theorem 2.2.
     """
-
-    tolerance: float = 1e-6
 
     declaration: ClassVar[Declaration] = Declaration(
         "MGDA",
@@ -50,16 +43,9 @@ class MGDA(CheckedSettings):
         },
     )
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """J d ≥ 0."""
-        return is_cone(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """d, claimed to be OPTIMAL."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        tasks = stacked_gradients(problem)
-        return claimed_direction(problem, shortest_of_hull(tasks)[0], self.tolerance)
+    def combine(self, tasks: Jacobian) -> Vector:
+        """d."""
+        return shortest_of_hull(tasks)[0]
 
 
 def shortest_of_hull(gradients: Jacobian) -> tuple[Vector, Float[np.ndarray, "k"]]:

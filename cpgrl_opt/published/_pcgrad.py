@@ -6,28 +6,21 @@ from typing import ClassVar
 import numpy as np
 
 from ..arrays import Jacobian, Vector
-from ..direction import Direction
-from ..problem import DirectionProblem
 from ..scaling import unit_rows
-from ..settings import CheckedSettings
-from ..solvers.interface import unsupported
-from .function_solver import claimed_direction
-from .interface import Declaration, is_cone, stacked_gradients
+from .interface import Declaration, TaskMethod
 
 
 @dataclass(frozen=True, kw_only=True)
-class PCGrad(CheckedSettings):
+class PCGrad(TaskMethod):
     """d = Σᵢ gᵢᴾ;   gᵢᴾ ← gᵢᴾ − (gᵢᴾ·gⱼ / ‖gⱼ‖²) gⱼ where gᵢᴾ·gⱼ < 0, for all j ≠ i in random order, from gᵢᴾ = gᵢ.
 
     The tasks are the objective and the constraints alike, g₀ = g and gᵢ = Jᵢ, so d is a sum of all of them and no
     solution of a problem with one objective. A projection off gⱼ may undo that off gₖ before it: for three tasks and
     more d may oppose one. seed: of the orders, drawn anew in each call, so that the same problem has one answer.
-    tolerance: what the kit holds it to.
     Source: Yu et al. 2020, Gradient surgery for multi-task learning, Algorithm 1.
     """
 
     seed: int = 0
-    tolerance: float = 1e-6
 
     declaration: ClassVar[Declaration] = Declaration(
         "PCGrad",
@@ -52,26 +45,14 @@ class PCGrad(CheckedSettings):
         },
     )
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """J d ≥ 0."""
-        return is_cone(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """d, claimed to be OPTIMAL."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        tasks = stacked_gradients(problem)
-        return claimed_direction(problem, pcgrad(tasks, np.random.default_rng(self.seed)), self.tolerance)
-
-
-def pcgrad(gradients: Jacobian, rng: np.random.Generator) -> Vector:
-    """Σᵢ gᵢᴾ of the gradients of k tasks; (k, n) → (n,)."""
-    units = unit_rows(gradients).jacobian
-    total = np.zeros(gradients.shape[1])
-    for i, gradient in enumerate(gradients):
-        surgical = gradient.copy()
-        for j in rng.permutation(len(gradients)):
-            if j != i:
-                surgical -= min(float(surgical @ units[j]), 0.0) * units[j]
-        total += surgical
-    return total
+    def combine(self, tasks: Jacobian) -> Vector:
+        """Σᵢ gᵢᴾ."""
+        units, rng = unit_rows(tasks).jacobian, np.random.default_rng(self.seed)
+        total = np.zeros(tasks.shape[1])
+        for i, gradient in enumerate(tasks):
+            surgical = gradient.copy()
+            for j in rng.permutation(len(tasks)):
+                if j != i:
+                    surgical -= min(float(surgical @ units[j]), 0.0) * units[j]
+            total += surgical
+        return total

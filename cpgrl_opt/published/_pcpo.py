@@ -8,29 +8,25 @@ import numpy as np
 from ..direction import Direction, Status
 from ..problem import DirectionProblem
 from ..scaling import lengths, unit_rows
-from ..settings import CheckedSettings
-from ..solvers.interface import unsupported
 from ..validation import require_member
 from .interface import Declaration
-from .trust_region import in_ball, is_one_row_ball
+from .trust_region import OneRowMethod, in_ball
 
 
 @dataclass(frozen=True, kw_only=True)
-class PCPO(CheckedSettings):
+class PCPO(OneRowMethod):
     """x½ = √(δ/q) H⁻¹g,    x = x½ + ((c − J x½)₊ / (J L⁻¹Jᵀ)) L⁻¹Jᵀ,    δ = radius², q = gᵀH⁻¹g.
 
     First max gᵀx s.t. xᵀHx ≤ δ, then min ½(x − x½)ᵀL(x − x½) s.t. J x ≥ c, the second without the ball. The paper has
     costs: its a = −J, b = c. projection: "kl", L = H, or "l2", L = I. With "kl" it has the multipliers of the trust
     region, κ = √(q/δ) and μ = κ times the step along H⁻¹Jᵀ, so Hx is stationary; but x is inside the ball where the
     projection shortened it (CPO goes on to its edge: for c = 0 the same way, only farther), and outside where c asks
-    for more. Equal to CPO where x½ is feasible. tolerance: what the kit holds it to.
+    for more. Equal to CPO where x½ is feasible.
     Source: Yang et al. 2020, Projection-based constrained policy optimization, §4 (reward step, projection step).
     """
 
     projection: str = "kl"
-    tolerance: float = 1e-6
 
-    takes_geometry: ClassVar[bool] = True
     declaration: ClassVar[Declaration] = Declaration(
         "PCPO",
         "√(δ/q) H⁻¹g, then its projection onto J x ≥ c",
@@ -50,14 +46,8 @@ class PCPO(CheckedSettings):
         super().__post_init__()
         require_member("projection", self.projection, ("kl", "l2"))
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """A radius, and at most one inequality."""
-        return is_one_row_ball(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
+    def answer(self, problem: DirectionProblem) -> Direction:
         """x, claimed to be OPTIMAL."""
-        if not self.supports(problem):
-            return unsupported(problem)
         ball = in_ball(problem)
         if ball.bound == np.inf:  # 0·x ≥ c > 0: nothing to project onto
             return ball.direction(problem, ball.gradient, 1.0, 0.0, status=Status.INFEASIBLE)

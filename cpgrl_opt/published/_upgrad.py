@@ -6,25 +6,18 @@ from typing import ClassVar
 import numpy as np
 
 from ..arrays import Jacobian, Vector
-from ..direction import Direction
-from ..problem import DirectionProblem
-from ..settings import CheckedSettings
-from ..solvers.interface import unsupported
 from ._dual_cone import dual_projection
-from .function_solver import claimed_direction
-from .interface import Declaration, is_cone, stacked_gradients
+from .interface import Declaration, TaskMethod
 
 
 @dataclass(frozen=True, kw_only=True)
-class UPGrad(CheckedSettings):
+class UPGrad(TaskMethod):
     """d = (1/k) Σᵢ π(gᵢ),   π the projection onto the dual cone {x : gⱼᵀx ≥ 0 for all j}.
 
     The tasks are the objective and the constraints alike, g₀ = g and gᵢ = Jᵢ, k = 1 + m. Each π(gᵢ) is our cone
-    problem; their mean is none, but it opposes no task: J d ≥ 0 and gᵀd ≥ 0. tolerance: what the kit holds it to.
+    problem; their mean is none, but it opposes no task: J d ≥ 0 and gᵀd ≥ 0.
     Source: Quinton & Rey 2024, Jacobian descent for multi-objective optimization, §2.2 (𝒜_UPGrad), Proposition 1.
     """
-
-    tolerance: float = 1e-6
 
     declaration: ClassVar[Declaration] = Declaration(
         "UPGrad",
@@ -46,18 +39,6 @@ class UPGrad(CheckedSettings):
         },
     )
 
-    def supports(self, problem: DirectionProblem) -> bool:
-        """J d ≥ 0."""
-        return is_cone(problem)
-
-    def solve(self, problem: DirectionProblem) -> Direction:
-        """d, claimed to be OPTIMAL."""
-        if not self.supports(problem):
-            return unsupported(problem)
-        return claimed_direction(problem, upgrad(stacked_gradients(problem)), self.tolerance)
-
-
-def upgrad(gradients: Jacobian) -> Vector:
-    """(1/k) Σᵢ π(gᵢ) of the gradients of k tasks; (k, n) → (n,)."""
-    projected = [dual_projection(gradient, gradients)[0] for gradient in gradients]
-    return np.asarray(np.mean(projected, axis=0))
+    def combine(self, tasks: Jacobian) -> Vector:
+        """(1/k) Σᵢ π(gᵢ)."""
+        return np.asarray(np.mean([dual_projection(task, tasks)[0] for task in tasks], axis=0))

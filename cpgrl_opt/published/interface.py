@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 
 from ..arrays import Jacobian, Vector
 from ..direction import Direction
 from ..problem import DirectionProblem
-from .function_solver import require_finite
+from ..settings import CheckedSettings
+from ..solvers.interface import unsupported
+from .function_solver import claimed_direction, require_finite
 
 
 @dataclass(frozen=True)
@@ -26,19 +28,37 @@ class Declaration:
     broken: Mapping[str, str] = field(default_factory=dict)
 
 
-@runtime_checkable
-class PublishedMethod(Protocol):
-    """A direction solver that declares what it is."""
+@dataclass(frozen=True, kw_only=True)
+class PublishedMethod(CheckedSettings):
+    """A direction solver that declares what it is. tolerance: the worst KKT residual that its claims may have."""
 
-    @property
-    def declaration(self) -> Declaration:
-        """What the method is, solves and breaks."""
-
-    def supports(self, problem: DirectionProblem) -> bool:
-        """Whether the method says anything about the problem."""
+    tolerance: float = 1e-6
+    declaration: ClassVar[Declaration]
 
     def solve(self, problem: DirectionProblem) -> Direction:
-        """The method's direction."""
+        """The method's direction; UNSUPPORTED where it says nothing about the problem."""
+        return self.answer(problem) if self.supports(problem) else unsupported(problem)
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """Whether the method says anything about the problem: J d ≥ 0, unless another method says otherwise."""
+        return is_cone(problem)
+
+    def answer(self, problem: DirectionProblem) -> Direction:
+        """The direction for a problem that it supports."""
+        raise NotImplementedError
+
+
+class TaskMethod(PublishedMethod):
+    """A method to which objective and constraints are tasks alike, g₀ = g and gᵢ = Jᵢ."""
+
+    def answer(self, problem: DirectionProblem) -> Direction:
+        """`combine` of all tasks, claimed to be OPTIMAL."""
+        tasks = np.vstack(gradients_of(problem))
+        return claimed_direction(problem, self.combine(tasks), self.tolerance)
+
+    def combine(self, tasks: Jacobian) -> Vector:
+        """The direction of k tasks, (k, n) → (n,), the objective first."""
+        raise NotImplementedError
 
 
 def is_cone(problem: DirectionProblem) -> bool:
@@ -52,9 +72,3 @@ def gradients_of(problem: DirectionProblem) -> tuple[Vector, Jacobian]:
     """g and the rows of J that are switched on; ValueError unless finite."""
     require_finite(problem)
     return problem.gradient, problem.jacobian[problem.bound > -np.inf]
-
-
-def stacked_gradients(problem: DirectionProblem) -> Jacobian:
-    """The gradients of all tasks, the objective first: (1 + k, n). ValueError unless finite."""
-    gradient, rows = gradients_of(problem)
-    return np.vstack([gradient, rows])

@@ -6,6 +6,7 @@ with q = gᵀH⁻¹g and s = JH⁻¹Jᵀ, so that λ = λ̂ √(q/δ) and ν = �
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..problem import DirectionProblem
 from ..scaling import lengths
 from .euclidean import euclidean
 from .function_solver import require_finite
+from .interface import PublishedMethod
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +46,14 @@ class OneRowBall:
         return Direction(value, np.where(on, multiplier, 0.0), status, radius_multiplier=kappa)
 
 
-def is_one_row_ball(problem: DirectionProblem) -> bool:
-    """Whether the problem has a radius and at most one constraint, an inequality."""
-    return problem.radius is not None and problem.m <= 1 and not problem.equality.any()
+class OneRowMethod(PublishedMethod):
+    """A method for trust regions, in a metric or none, of at most one constraint."""
+
+    takes_geometry: ClassVar[bool] = True
+
+    def supports(self, problem: DirectionProblem) -> bool:
+        """A radius, and at most one inequality."""
+        return problem.radius is not None and problem.m <= 1 and not problem.equality.any()
 
 
 def in_ball(problem: DirectionProblem) -> OneRowBall:

@@ -41,7 +41,7 @@ def what_breaks(name, law_name, max_examples):
     return first_break(LAWS[law_name], PUBLISHED[name], max_examples=max_examples)
 
 
-@pytest.mark.parametrize(("name", "law"), sampled(BROKEN, 2))
+@pytest.mark.parametrize(("name", "law"), sampled(BROKEN, 3))
 def test_a_law_that_is_declared_broken_is_broken(name, law):
     if (name, law) in EXAMPLES:
         with pytest.raises(LawBroken):
@@ -50,7 +50,7 @@ def test_a_law_that_is_declared_broken_is_broken(name, law):
         assert what_breaks(name, law, 300).broken
 
 
-@pytest.mark.parametrize(("name", "law"), sampled(HELD, 3))
+@pytest.mark.parametrize(("name", "law"), sampled(HELD, 5))
 def test_a_law_that_is_not_declared_broken_holds(name, law):
     found = what_breaks(name, law, 5)
     assert not found.broken, found.message
@@ -74,15 +74,11 @@ def test_what_is_declared_broken_is_a_law_about_the_method_and_has_a_reason(name
 
 
 def test_the_table_in_the_docs_is_that_of_the_declarations():
+    """And it marks what a method breaks, holds and is silent about."""
     docs = Path(__file__).parents[2] / "docs" / "published.md"
+    text = to_markdown()
     command = "python -m cpgrl_opt.testing.published_table > docs/published.md"
-    assert docs.read_text(encoding="utf-8") == to_markdown(), command
-
-
-def test_the_table_marks_what_a_method_breaks_holds_and_is_silent_about():
-    rows = {line.split(" | ")[0].lstrip("| "): line for line in to_markdown().splitlines() if line.startswith("| ")}
-    names = [cell.strip() for cell in rows["law"].strip("|").split("|")][1:]
-    cells = dict(zip(names, [cell.strip() for cell in rows["row scaling"].strip("|").split("|")][1:], strict=True))
-    assert cells == {
-        "CPO": "✓", "PCPO": "✓", "CRPO": "✗", "GEM": "✓", "A-GEM": "✗", "PCGrad": "✗", "MGDA": "✗", "UPGrad": "✗",
-    }  # fmt: skip
+    assert docs.read_text(encoding="utf-8") == text, command
+    assert "| law | CPO | PCPO | CRPO | GEM | A-GEM | PCGrad | MGDA | UPGrad |" in text
+    assert "| row scaling | ✓ | ✓ | ✗ | ✓ | ✗ | ✗ | ✗ | ✗ |" in text
+    assert "| inactive row | – | – | ✓ | ✓ | ✗ | ✗ | ✗ | ✗ |" in text
