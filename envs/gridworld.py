@@ -33,9 +33,19 @@ class GridWorld(TabularMDP):
 
     s ⊕ a is the next cell that way, or s itself where a wall or the edge is; a⟂ is at right angles to a. Without slip
     and constraints the best ρ¹ is 1/(L + 1), L the moves of a shortest way.
-    layout: rows of cells from north to south: `S` start and `G` goal, one each, `.` free, `#` wall, `a` … `z` hazards,
-    one kind and channel a letter, in the order of the alphabet. Each cell that is no wall is a state, in reading order.
-    slip: probability, in [0, 1]. Raises ValueError for another layout, and where walls part some cell from the start.
+
+    Parameters
+    ----------
+    layout
+        Rows of cells from north to south: `S` start and `G` goal, one each, `.` free, `#` wall, `a` … `z` hazards, one
+        kind and channel a letter, in the order of the alphabet. Each cell that is no wall is a state, in reading order.
+    slip
+        Probability, in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        For another layout, and where walls part some cell from the start.
     """
 
     layout: tuple[str, ...]

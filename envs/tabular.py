@@ -54,11 +54,22 @@ class ConstrainedOptimum:
 class TabularMDP:
     """T(s, a, s′) = Pr(s′ | s, a) and rewards rⁱ(s, a), channel 0 the intrinsic one.
 
-    transitions: (states, actions, states), rows sum to 1; rewards: (1 + m, states, actions); start: first
-    state of an episode. Arrays are copied and made read-only. A policy is a table π(a | s), (states,
-    actions); where a method takes one it also takes a stack of them, (…, states, actions), and answers with
-    the same leading axes.
-    Raises ValueError for NaN, infinities, wrong shapes, what is no probability.
+    A policy is a table π(a | s), (states, actions); where a method takes one it also takes a stack of them,
+    (…, states, actions), and answers with the same leading axes.
+
+    Parameters
+    ----------
+    transitions
+        (states, actions, states), rows sum to 1. Arrays are copied and made read-only.
+    rewards
+        (1 + m, states, actions).
+    start
+        First state of an episode.
+
+    Raises
+    ------
+    ValueError
+        For NaN, infinities, wrong shapes, what is no probability.
     """
 
     transitions: Transitions
@@ -151,10 +162,17 @@ class TabularMDP:
     def constrained_optimum(self, thresholds: ArrayLike) -> ConstrainedOptimum:
         """The policy with the largest ρ¹ s.t. ρⁱ ≥ Gⁱ among stationary ones: the occupancy-measure programme.
 
-        thresholds: (m,), thresholds[0] = G²; −inf switches a constraint off. Raises ValueError with the least
-        violation if no policy meets them (misses below 1e-10 of a channel's range, or 1e-14 of its size, count
-        as met), and if the optimal shares of time are spread over several recurrent classes, which no single
-        run can realise.
+        Parameters
+        ----------
+        thresholds
+            (m,), thresholds[0] = G²; −inf switches a constraint off.
+
+        Raises
+        ------
+        ValueError
+            With the least violation if no policy meets them (misses below 1e-10 of a channel's range, or 1e-14 of its
+            size, count as met), and if the optimal shares of time are spread over several recurrent classes, which no
+            single run can realise.
         """
         from .occupancy import best_occupancy
 

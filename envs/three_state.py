@@ -27,8 +27,16 @@ class ThreeStateMDP(TabularMDP):
 
     So a₁ moves on by one, a₂ by two, a₃ stays. Under thresholds 0 the optimum is a₁ everywhere with average
     rewards [1, 0, 0, 0], for any slip in (0, 1): r¹ + r³ ≤ 1 in every state and action.
-    slip: probability; rewards: (1 + m, 3, 3); start: x₀, s₁ in the paper. Fig. 3's transitions are not in the
-    text: docs/reproduction.md §2 says what was taken.
+    Fig. 3's transitions are not in the text: docs/reproduction.md §2 says what was taken.
+
+    Parameters
+    ----------
+    slip
+        Probability.
+    rewards
+        (1 + m, 3, 3).
+    start
+        x₀; s₁, number 0, in the paper.
     """
 
     slip: float

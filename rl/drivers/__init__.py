@@ -19,8 +19,20 @@ __all__ = [
 def driver_for(environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence], steps: int) -> Driver:
     """The first driver that takes environment and policy.
 
-    Whoever has code of its own, an environment or a policy, is trained by that code, in Python. Raises ValueError for
-    an environment that its kernels do not stand for and that has no `reset` and `step`.
+    Whoever has code of its own, an environment or a policy, is trained by that code, in Python.
+
+    Parameters
+    ----------
+    streams
+        One for each run.
+    steps
+        The time limit of an episode, where the environment has no shorter one.
+
+    Raises
+    ------
+    ValueError
+        For an environment that its kernels do not stand for and that has no `reset` and `step`; for a policy that does
+        not fit it.
     """
     from envs.interface import continuous_kernels_of, finite_kernel_of  # Gymnasium loads with envs
 

@@ -62,13 +62,23 @@ class RuleStep(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """An update rule, written once for all drivers.
+    """An update rule, written once for all drivers. What does not fit is refused where an estimation starts.
 
-    step: plain Python, or compiled (`compiled_step`); constants, channels, vectors, memory: what `Course` has, the last
-    two as numbers of rows. first: the first step whose reward enters ρ per step, and from which updates are counted;
-    from_start: (1 + m,), channels in whose Δ earlier rewards enter all the same. looks_ahead: whether one more action
-    is drawn at the time limit, for ψ_{t+1}. span: which of the vectors is Σ_t of what the rewards meet, for a rule
-    that leaves it to `ReportedGradient` to subtract ρ; None where nothing is to be subtracted.
+    Parameters
+    ----------
+    step
+        Plain Python, or compiled (`compiled_step`).
+    constants, channels, vectors, memory
+        What `Course` has, (k,) and (k, 1 + m), the last two as numbers of rows.
+    first
+        The first step whose reward enters ρ per step, and from which updates are counted.
+    from_start
+        (1 + m,), channels in whose Δ earlier rewards enter all the same.
+    looks_ahead
+        Whether one more action is drawn at the time limit, for ψ_{t+1}.
+    span
+        Which of the vectors is Σ_t of what the rewards meet, for a rule that leaves it to `ReportedGradient` to
+        subtract ρ; None where nothing is to be subtracted.
     """
 
     step: RuleStep

@@ -33,7 +33,13 @@ class ExactGradient:
     """
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> "ExactEstimation":
-        """As many runs as streams; nothing is drawn from them."""
+        """As many runs as streams; nothing is drawn from them.
+
+        Raises
+        ------
+        ValueError
+            For what is no finite MDP or no `SoftmaxTable`; for a subclass with dynamics of its own and no answers.
+        """
         if not isinstance(environment, FiniteMDP):
             raise ValueError(
                 "environment should have average_rewards and policy_gradients, as a finite MDP; "

@@ -34,7 +34,17 @@ class GPOMDP(SamplingEstimator):
     out too: it is E[Σ_{t≥1} rⁱ]/E[T − 1]. The report per episode is the whole sum, so there r(x₀, u₀) meets ψ₀ in Δ.
     gradient "episode mean" is eq. 3 as printed, the mean over each episode's own updates whatever `average` says.
 
-    trace_decay β: in [0, 1). What estimators share: `SamplingEstimator`.
+    Parameters
+    ----------
+    trace_decay
+        β, in [0, 1).
+    weights
+        "paper" or "usual".
+    average_rate, average, steps, gradient, bias_correction
+        See `SamplingEstimator`.
+
+    Notes
+    -----
     Bias, the price of β < 1: ‖limit for T → ∞ − ∇gⁱ‖ / ‖∇gⁱ‖ is at most 0.014, 0.0014, 0.00014 at β = 0.9, 0.99, 0.999
     over the channels of the three-state MDP and 1000 policies θ ~ U[0, 1]⁹; with "usual" 0.064, 0.0065, 0.00065.
     A finite MDP with a `SoftmaxTable` keeps 4 bytes of each step (`finite_gpomdp`). Everything else: `rl.drivers`.

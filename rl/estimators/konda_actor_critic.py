@@ -47,8 +47,17 @@ class KondaActorCritic(SamplingEstimator):
     That holds for small rates. At the paper's, α_r/(1 − β) = 2: ρ follows rewards as fast as z forgets, and on the
     three-state MDP the mean of Δ points the same way (cosine > 0.99) but is half as long.
 
-    trace_decay β: in [0, 1); critic_rate α_w: > 0, the paper's is α_r. The ρ per step that critics subtract is
-    corrected as the reported one is. What estimators share: `SamplingEstimator`.
+    Parameters
+    ----------
+    trace_decay
+        β, in [0, 1).
+    critic_rate
+        α_w > 0; the paper's is α_r.
+    average_rate, average, steps, gradient, bias_correction
+        See `SamplingEstimator`. The ρ per step that critics subtract is corrected as the reported one is.
+
+    Notes
+    -----
     Source: eq. 5 of the paper and the equations after it; Konda & Tsitsiklis (2003).
     """
 
@@ -76,7 +85,7 @@ class KondaActorCritic(SamplingEstimator):
 
 @compiled_step
 def advance(course, t, score, reward, following, last):  # type: ignore[no-untyped-def]
-    """All of the above at once Where a sum is reported, no ρ is subtracted, and it ends with the last step."""
+    """All of the above at once. Where a sum is reported, no ρ is subtracted, and it ends with the last step."""
     trace, centred, value = course.vectors[0], course.channels[0], course.channels[1]
     place, values = score.place, score.values
     if t == 0:

@@ -24,9 +24,24 @@ _FILLED = ("gradients", "spans", "rewards", "entered", "steps", "events")  # of 
 class SamplingEstimator:
     """Settings that every estimator by samples has; a subclass adds its own, and its rule.
 
-    average_rate α_r: in [0, 1]; average: "step" or "episode", for all channels or for each, and bias_correction, of an
-    average that starts at 0: see `StoredAverage`. steps T: an episode's time limit, unless the environment's own is
-    shorter. gradient: "reported", of the ρ that `average` reports, or "episode mean": see `ReportedGradient`.
+    Parameters
+    ----------
+    average_rate
+        α_r, in [0, 1].
+    average
+        "step" or "episode", for all channels or for each: see `StoredAverage`.
+    steps
+        T, an episode's time limit, unless the environment's own is shorter.
+    gradient
+        "reported", of the ρ that `average` reports, or "episode mean": see `ReportedGradient`.
+    bias_correction
+        Whether an average that starts at 0 is divided by the sum of its weights.
+
+    Raises
+    ------
+    ValueError
+        For numbers out of range and unknown names; where it starts, for a rule, an environment or a policy that does
+        not fit.
     """
 
     average_rate: float = 0.02

@@ -55,6 +55,8 @@ class StoredAverage:
     runs, channels
         B and 1 + m.
 
+    Notes
+    -----
     per_step: (B, 1 + m), eq. 4 as printed, and totals: (B,), its W (1 without correction), which the estimator
     advances in place, both at the same steps; per_episode: (B, 1 + m), as reported.
 

@@ -19,9 +19,26 @@ from .settings import require_step_size, threshold_vector
 class ConstraintSwitching:
     """θ ← θ + α₁ Δ¹ if ρⁱ − Gⁱ > −η for all i, else θ + α₁ Δʲ, j = argmin ρⁱ − Gⁱ.
 
-    thresholds Gⁱ: (m,), per environment step; tolerance η ≥ 0, in the same unit: 0 in the paper. Where some rewards sum
-    to 0 and their thresholds are 0, as in the three-state MDP, the first case never holds without a tolerance
-    (docs/reproduction.md, slip 6). Source: §3.1 of the paper, CONB; the tolerance is ours, as in CRPO (2021).
+    Where some rewards sum to 0 and their thresholds are 0, as in the three-state MDP, the first case never holds
+    without a tolerance (docs/reproduction.md, slip 6).
+
+    Parameters
+    ----------
+    thresholds
+        Gⁱ, (m,), per environment step.
+    step_size
+        α₁ ≥ 0.
+    tolerance
+        η ≥ 0, in the unit of the thresholds: 0 in the paper.
+
+    Raises
+    ------
+    ValueError
+        For numbers that are not finite or below 0; at an update, for another number of thresholds than constraints.
+
+    Notes
+    -----
+    Source: §3.1 of the paper, CONB; the tolerance is ours, as in CRPO (2021).
     """
 
     thresholds: Float[np.ndarray, "m"]

@@ -18,7 +18,20 @@ from .settings import threshold_vector
 class CPGRL:
     """θ ← θ + α₁ PΔ¹ − αₑ d, P and d from the active constraints; or what else the step is set to.
 
-    step: any `ConstrainedStep`, with its solver and formulation; thresholds Gⁱ: (m,), per environment step.
+    Parameters
+    ----------
+    step
+        Any `ConstrainedStep`, with its solver and formulation.
+    thresholds
+        Gⁱ, (m,), per environment step.
+
+    Raises
+    ------
+    ValueError
+        For thresholds that are not finite numbers; at an update, for another number of them than constraints.
+
+    Notes
+    -----
     Source: eq. 8–10 of the paper.
     """
 

@@ -18,8 +18,19 @@ from .settings import threshold_vector
 class GradientWithRestoration:
     """θ ← θ + α₁ Δ¹ + αₑ v: CPGRL's restoration v = −d beside the whole gradient, eq. 8 with P = I.
 
-    step: a `ConstrainedStep`; its solver, rates and safeguards serve the restoration. thresholds Gⁱ: (m,).
-    Raises ValueError for "restoring" and "linearized", whose restoration is no move of its own. Ours, for comparison.
+    Ours, for comparison.
+
+    Parameters
+    ----------
+    step
+        A `ConstrainedStep`; its solver, rates and safeguards serve the restoration.
+    thresholds
+        Gⁱ, (m,).
+
+    Raises
+    ------
+    ValueError
+        For "restoring" and "linearized", whose restoration is no move of its own.
     """
 
     step: ConstrainedStep

@@ -19,7 +19,22 @@ from .settings import require_step_size
 class WeightedSum:
     """θ ← θ + α₁ Σᵢ wᵢ Δⁱ over all channels: the policy gradient of the reward Σᵢ wᵢ rⁱ.
 
-    weights: (1 + m,), wᵢ; ones, the paper's, unless given. It knows no constraints: `active` is always false.
+    It knows no constraints: `active` is always false.
+
+    Parameters
+    ----------
+    weights
+        wᵢ, (1 + m,); ones, the paper's, unless given.
+    step_size
+        α₁ ≥ 0.
+
+    Raises
+    ------
+    ValueError
+        For numbers that are not finite; at an update, for another number of weights than channels.
+
+    Notes
+    -----
     Source: §3.1 of the paper, SUM.
     """
 

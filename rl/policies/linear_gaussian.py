@@ -33,6 +33,8 @@ class LinearGaussian(GaussianPolicy):
     ValueError
         For sizes below 1, another deviation, a θ that does not fit; where it acts, features of another size.
 
+    Notes
+    -----
     Source: Williams (1992), §6; the shape of the paper's §4.1 policy.
     """
 

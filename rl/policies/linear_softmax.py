@@ -33,6 +33,8 @@ class LinearSoftmax:
     ValueError
         For sizes below 1 and a θ that does not fit; where it acts, for features of another size.
 
+    Notes
+    -----
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., §13.1.
     """
 

@@ -48,6 +48,8 @@ class NormalizedGaussianNetwork(GaussianPolicy):
     ValueError
         For other bounds, counts, numbers.
 
+    Notes
+    -----
     Source: §4.1 of the paper; Moody & Darken (1989), eq. 4.
     """
 

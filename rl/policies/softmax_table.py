@@ -28,6 +28,8 @@ class SoftmaxTable:
     ValueError
         For sizes below 1 and a θ that does not fit.
 
+    Notes
+    -----
     Source: §3.1 of the paper.
     """
 

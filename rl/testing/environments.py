@@ -41,14 +41,23 @@ def check_constrained_env(
     rewards stay as they were when the next ones come, and actions are not written to: training copies them all, but
     others who keep them are misled; an event number at a termination is an integer ≥ 1 (`envs.interface`); the same
     seed and actions give the same episode, whatever NumPy's global generator is at.
-    expected_reward: what each channel should yield, to check that channel 0 is the objective and the constraints
-    stand in their order; without it the order is checked against compiled kernels, where the environment within its
-    wrappers offers them (`envs.interface.finite_kernel_of`), and cannot be checked otherwise. Kernels are compared with
-    that environment's `step`: a finite MDP's rewards exactly; its transitions, and everything of continuous kernels,
-    in distribution, within `z` standard errors, so that a right environment fails with a chance of about 2e-9 a
-    number compared (z = 6).
-    time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
-    what hangs or crashes there is ContractBroken too (`contract.allow_limits`).
+
+    Parameters
+    ----------
+    expected_reward
+        What each channel should yield, to check that channel 0 is the objective and the constraints stand in their
+        order; without it the order is checked against compiled kernels, where the environment within its wrappers
+        offers them (`envs.interface.finite_kernel_of`), and cannot be checked otherwise.
+    z
+        Kernels are compared with that environment's `step`: a finite MDP's rewards exactly; its transitions, and
+        everything of continuous kernels, in distribution, within z standard errors, so that a right environment fails
+        with a chance of about 2e-9 a number compared (z = 6).
+    time_limit, memory_limit
+        Where either is given, as seconds and bytes, the check runs in a process of its own, and what hangs or crashes
+        there is ContractBroken too.
+
+    Notes
+    -----
     Not seen: a seed that is ignored by an environment that draws nothing, bias below the standard errors, and what
     random actions do not reach.
     """

@@ -122,11 +122,21 @@ def check_episodic_estimator(
     mostly does not, as Gymnasium environments, with a random `SoftmaxTable` each (a fixed θ):
     ‖mean Δⁱ − ∇ρⁱ‖ ≤ bias·‖∇ρⁱ‖ + z·SE and |mean ρⁱ − its exact value| ≤ bias·(sd of rⁱ, times E[T] for a sum) + z·SE
     for every channel i, over `episodes` episodes of `runs` runs after `warm_up` episodes.
-    average: what the estimator reports, for all channels or for each: "step", E[Σ r]/E[T], or "episode", E[Σ r].
-    first_step: whether the first step counts in the former; it does not in GPOMDP's with the weights "paper".
-    bias, up_to_scale, and where too little was sampled to tell: as in `check_gradient_estimator`.
-    time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
-    what hangs or crashes there is ContractBroken too (`contract.allow_limits`).
+
+    Parameters
+    ----------
+    average
+        What the estimator reports, for all channels or for each: "step", E[Σ r]/E[T], or "episode", E[Σ r].
+    first_step
+        Whether the first step counts in the former; it does not in GPOMDP's with the weights "paper".
+    bias, up_to_scale
+        As in `check_gradient_estimator`, as is what happens where too little was sampled to tell.
+    time_limit, memory_limit
+        Where either is given, as seconds and bytes, the check runs in a process of its own, and what hangs or crashes
+        there is ContractBroken too.
+
+    Notes
+    -----
     Not seen: errors below the bias allowed; a ρ-term that is wrong by less.
     """
     for number in range(mdps):

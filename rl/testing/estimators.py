@@ -42,11 +42,20 @@ def check_gradient_estimator(
       is over `episodes` episodes of `runs` runs after `warm_up` episodes (what is carried from episode to episode
       settles), and SE, the standard error, is from the runs, which are independent.
     ContractBroken too where z·SE exceeds 0.35 ‖∇gⁱ‖: then too little was sampled to tell.
-    up_to_scale: for an estimator whose Δ is only proportional to ∇g, as `KondaActorCritic` at the paper's rates; each
-    Δⁱ is scaled by the positive number that fits best.
-    bias: what trace_decay < 1 and short episodes cost; see the estimator's own statement.
-    time_limit, memory_limit: where either is given, as seconds and bytes, the check runs in a process of its own, and
-    what hangs or crashes there is ContractBroken too (`contract.allow_limits`).
+
+    Parameters
+    ----------
+    bias
+        What trace_decay < 1 and short episodes cost; see the estimator's own statement.
+    up_to_scale
+        For an estimator whose Δ is only proportional to ∇g, as `KondaActorCritic` at the paper's rates; each Δⁱ is
+        scaled by the positive number that fits best.
+    time_limit, memory_limit
+        Where either is given, as seconds and bytes, the check runs in a process of its own, and what hangs or crashes
+        there is ContractBroken too.
+
+    Notes
+    -----
     Not seen: errors below the bias allowed; environments with real vectors as states.
     """
     for number in range(mdps):

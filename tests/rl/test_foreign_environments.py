@@ -14,6 +14,7 @@ from cpgrl_opt import ConstrainedStep
 from envs import ThreeStateEnv, TwoLinkArmEnv
 from rl import CPGRL, GPOMDP, KondaActorCritic, LinearGaussian, LinearSoftmax, SoftmaxTable, train
 from rl.channels import reward_channels
+from rl.rollout import episode
 
 from .stand_ins import ONE_OF_TWO, Foreign, Given, estimate_of, learn, one, streams
 
@@ -41,8 +42,11 @@ def test_a_step_is_scored_at_the_observation_that_the_policy_saw(form: str, weig
 
     environment = Foreign(move, lambda right: (x.fill(0), (shared, {}))[1])
     settings = GPOMDP(steps=2, trace_decay=0.0, weights=weights)
-    _, estimate = estimate_of(environment, settings, LinearSoftmax(read, 1, 2))
+    policy = LinearSoftmax(read, 1, 2)
+    _, estimate = estimate_of(environment, settings, policy)
     np.testing.assert_allclose(np.abs(estimate.gradients[0]), size)
+    kept = list(episode(environment, policy, np.random.default_rng(0), 2))  # whoever keeps them finds what there was
+    assert [(*read(step.observation), *read(step.following)) for step in kept] == [(0, 1), (1, 2)]
 
 
 @pytest.mark.parametrize("kind", [KondaActorCritic, lambda **settings: GPOMDP(weights="usual", **settings)])
