@@ -1,20 +1,22 @@
 """Which wrong lines would the tests miss?
 
 A mutation changes one expression of the product: a sign, a comparison, a constant, the order of a matrix product, a
-dropped transpose. Mutations are drawn from all that the listed modules allow, each is made in a copy of the project,
-and the tests of its module run there until one fails.
+dropped transpose. Mutations are drawn from all that the modules allow, each is made in a copy of the project, and tests
+run there until one fails: those of the test files that are nearest to the module by imports, the quickest of a file
+first, up to --seconds of them.
 
-    python benchmarks/mutations.py [--mutations 60] [--seed 0] [--modules cpgrl_opt/step.py …] [--processes 2]
-        [--out FOLDER]
+    python benchmarks/mutations.py [--mutations 30] [--seed 0] [--modules 'cpgrl_opt/step.py,rl/**/*.py']
+        [--seconds 12] [--processes 2] [--out FOLDER]
 
-A mutation is *killed* where a test fails, *survived* where all pass, and *timed out* where they take three times as
-long as unbroken and two minutes more, which is as good as a failure. The score is the share that did not survive.
-Limitations: a sample; some survivors are no fault at all, as a threshold that may as well lie elsewhere. Of the tools
-on the market those that switch mutations at run time cannot reach compiled kernels, and those that write them to disk
-know nothing of numba's cache: here each copy starts with the kernels of the unbroken sources.
+A mutation is *killed* where a test fails, *survived* where all pass, *timed out* where they take three times as long as
+without it and half a minute more, as good as a failure, and *unclear* where pytest tells neither, as where tests cannot
+be collected. The score is the share of killed and timed out among those that are clear.
+A module that has to do with kernels is interpreted, since machine code cached by another file would hide the change;
+tests that then do not pass are not asked.
+Limitations: a sample, and a sample of the tests: the whole suite may notice more. Some survivors are no fault at all,
+as a threshold that may as well lie elsewhere.
 """
 
-import argparse
 import ast
 import difflib
 import os
@@ -24,53 +26,31 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain
+from itertools import accumulate, chain
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
-from tables import table, write
+from tables import publish, read_arguments, table
 
 ROOT = Path(__file__).parents[1]
-COPIED = ("cpgrl_opt", "rl", "envs", "tests", "benchmarks")
-PATIENCE = 120.0  # s; kernels that have to be compiled anew take up to one minute
-
-_REFEREE = ("certify", "violation", "infeasible_claims", "kkt_geometry", "residuals_*", "feasibility")
-_CORES = (
-    "compiled_*",
-    "interpreted_kernels",
-    "solvers_*",
-    "climb_*",
-    "direction_batch",
-    "infeasible_claims",
-    "broken_packages",
-)
-_LONG = ("compiled_sums", "reduction", "long_*", "vectors_*", "every_kind_*", "step_in_span")
-# Modules, as patterns, and the tests that are about them.
-TESTS = {
-    ("cpgrl_opt/*problem.py", "cpgrl_opt/*gate.py", "cpgrl_opt/validation.py", "cpgrl_opt/linearization.py"): (
-        *("problem", "gate", "long_storage"),
-    ),
-    ("cpgrl_opt/certify.py", "cpgrl_opt/_evidence.py", "cpgrl_opt/_violation.py", "cpgrl_opt/answers.py"): _REFEREE,
-    ("cpgrl_opt/scaling.py", "cpgrl_opt/compensated.py", "cpgrl_opt/direction.py"): ("problem", "reduction", *_REFEREE),
-    ("cpgrl_opt/metric*.py", "cpgrl_opt/flat.py"): ("problem", "geometry", "metric_*", "balls_*", *_REFEREE),
-    ("cpgrl_opt/*step*.py", "cpgrl_opt/formulation.py", "cpgrl_opt/recovery.py", "cpgrl_opt/drop_rule.py"): (
-        *("projection", "step", "step_*"),
-    ),
-    ("cpgrl_opt/projection.py", "cpgrl_opt/active_set.py"): ("projection", "step", "gate"),
-    ("cpgrl_opt/reduction.py", "cpgrl_opt/vectors/*.py", "cpgrl_opt/solvers/span.py"): _LONG,
-    ("cpgrl_opt/solvers/*gramian_core.py", "cpgrl_opt/solvers/compiled/_gramian_core.py"): _LONG,
-    (
-        *("cpgrl_opt/solvers/geometry.py", "cpgrl_opt/solvers/*trust_region.py", "cpgrl_opt/solvers/ball_*.py"),
-        *("cpgrl_opt/solvers/with_geometry.py", "cpgrl_opt/solvers/compiled/_trust_region.py"),
-    ): ("geometry", "balls_*", "climb_*", "metric_*", "feasibility", "step_geometry"),
-    ("cpgrl_opt/solvers/*.py", "cpgrl_opt/solvers/compiled/*.py"): _CORES,
-}
+PRODUCT = ("cpgrl_opt", "rl", "envs")
+COPIED = (*PRODUCT, "tests", "benchmarks", "docs", "pyproject.toml", "README.md")
+NEAREST = 5  # test files of a module; with more, what the unbroken tests take exceeds what mutations take
+OUTCOMES = ("killed", "timed out", "survived", "unclear")
+PATIENCE = 30.0  # s; to start and to import, on a busy machine
+WATCH = """
+import os, pytest
+def pytest_runtest_logreport(report):
+    if report.when == "call" or report.failed:
+        with open(os.environ["MUTATION_TIMES"], "a") as file:
+            file.write(f"{report.outcome}\\t{report.duration}\\t{report.nodeid}\\n")
+"""
 
 
 def _both_ways(*pairs: tuple[Any, Any]) -> dict[Any, Any]:
@@ -114,44 +94,27 @@ class Row:
 
 def main() -> None:
     """Draws the mutations, tries them and writes the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mutations", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--modules", nargs="+", help="files of the product; without it all that have tests listed")
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
-    arguments = parser.parse_args()
-    tests = {file: which for file, which in tests_of(ROOT, TESTS).items() if file in (arguments.modules or [file])}
-    drawn = draw(ROOT, list(tests), arguments.mutations, np.random.default_rng(arguments.seed))
-    rows = run(ROOT, drawn, tests, arguments.processes)
-    command = f"python benchmarks/mutations.py --mutations {arguments.mutations} --seed {arguments.seed}"
-    commit = ["git", "rev-parse", "--short", "HEAD"]
-    sources = subprocess.run(commit, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
-    write("mutations", page(rows, command, sources), rows, arguments.out)
-
-
-def tests_of(root: Path, tests: Mapping[tuple[str, ...], Sequence[str]]) -> dict[str, tuple[str, ...]]:
-    """The test files of each module that a pattern names, the first pattern's where several do."""
-    found: dict[str, tuple[str, ...]] = {}
-    for patterns, subjects in tests.items():
-        files = [path for each in subjects for path in sorted(root.glob(f"tests/cpgrl_opt/test_{each}.py"))]
-        for path in chain.from_iterable(sorted(root.glob(pattern)) for pattern in patterns):
-            found.setdefault(_name(root, path), tuple(_name(root, each) for each in files))
-    return found
-
-
-def _name(root: Path, path: Path) -> str:
-    return path.relative_to(root).as_posix()
+    modules = [f"{room}/**/*.py" for room in PRODUCT]
+    arguments = read_arguments(__doc__, mutations=30, seed=0, modules=modules, seconds=12.0, processes=2)
+    files = sorted(set(chain.from_iterable(_files(ROOT, pattern) for pattern in arguments.modules)))
+    drawn = draw(ROOT, files, arguments.mutations, np.random.default_rng(arguments.seed))
+    begun = os.times()
+    rows = run(ROOT, drawn, arguments.seconds, arguments.processes)
+    used = sum(os.times()[2:4]) - sum(begun[2:4])  # of the processes that ran the tests
+    describe = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    commit = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    found = parts(rows, f"{used / 60:.0f} minutes of a core; on commit {commit}")
+    publish(arguments, "Wrong lines that the tests notice", found, rows)
 
 
 def draw(root: Path, files: Sequence[str], count: int, rng: np.random.Generator) -> list[Mutation]:
     """So many of the mutations that the files allow, any as likely as any other."""
-    possible = [each for file in files for each in mutations(file, (root / file).read_text(encoding="utf-8"))]
+    possible = [each for file in files for each in mutate(file, (root / file).read_text(encoding="utf-8"))]
     chosen = rng.choice(len(possible), min(count, len(possible)), replace=False)
     return [possible[i] for i in sorted(chosen)]
 
 
-def mutations(file: str, source: str) -> Iterator[Mutation]:
+def mutate(file: str, source: str) -> Iterator[Mutation]:
     """Every mutation of a source; of annotations, decorators and messages there is none."""
     lines = source.encode().splitlines(keepends=True)  # the tree counts bytes
     starts = np.cumsum([0, *map(len, lines)])
@@ -206,26 +169,110 @@ def _changes(node: ast.expr) -> Iterator[tuple[str, str]]:
             yield "constant", repr(value * 1e4 if 0 < abs(value) < 1e-2 else value + 1.0)
 
 
-def run(root: Path, drawn: Sequence[Mutation], tests: Mapping[str, tuple[str, ...]], processes: int = 2) -> list[Row]:
-    """Each mutation in a copy of the project, after the tests of all have passed without any."""
-    with tempfile.TemporaryDirectory() as folder:
-        unbroken = Path(folder) / "unbroken"
+class Imports:
+    """Who imports names of whom; names that packages pass on are followed to the module that defines them."""
+
+    def __init__(self, root: Path) -> None:
+        self.files = {_dotted(file): file for room in PRODUCT for file in _files(root, f"{room}/**/*.py")}
+        trees = {name: _parse(root / file) for name, file in self.files.items()}
+        self.passed_on = {
+            package: {alias.asname or alias.name: (source, alias.name) for alias, source in self.names(tree, package)}
+            for package, tree in trees.items()
+        }
+        self.used = {name: self.modules(tree, name) for name, tree in trees.items()}
+        self.tests = {file: self.modules(_parse(root / file), "") for file in _files(root, "tests/**/test_*.py")}
+
+    def names(self, tree: ast.AST, module: str) -> Iterator[tuple[ast.alias, str]]:
+        """What a source imports from where, relative imports too."""
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                is_package = self.files.get(module, "").endswith("__init__.py")
+                above = module.split(".")[: len(module.split(".")) - node.level + is_package] if node.level else []
+                source = ".".join([*above, *([node.module] if node.module else [])])
+                yield from ((alias, source) for alias in node.names)
+
+    def modules(self, tree: ast.AST, module: str) -> set[str]:
+        """Those that define what a source imports, or names in a string, as for import_module."""
+        found = {self.defining(source, alias.name) for alias, source in self.names(tree, module)}
+        found |= {
+            node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
+        return found & self.files.keys()
+
+    def defining(self, package: str, name: str) -> str:
+        """The module in which a name of a package is defined."""
+        if f"{package}.{name}" in self.files:
+            return f"{package}.{name}"
+        source, original = self.passed_on.get(package, {}).get(name, (package, name))
+        return package if source == package else self.defining(source, original)
+
+    def nearest(self, file: str) -> list[str]:
+        """Test files from which the fewest imports lead here; of equals those named like it, and that import less."""
+        levels, reached = {}, {_dotted(file)}
+        while reached - levels.keys():
+            levels |= dict.fromkeys(reached - levels.keys(), len(set(levels.values())))
+            reached = {name for name, used in self.used.items() if used & reached}
+        stem = Path(file).stem.strip("_")
+        ranks = {
+            test: (min((levels.get(name, 99) for name in used), default=99), stem not in test, len(used), test)
+            for test, used in self.tests.items()
+        }
+        return sorted(ranks, key=ranks.__getitem__)[:NEAREST]
+
+
+def _files(root: Path, pattern: str) -> list[str]:
+    return sorted(path.relative_to(root).as_posix() for path in root.glob(pattern))
+
+
+def _parse(path: Path) -> ast.AST:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _dotted(file: str) -> str:
+    return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def run(root: Path, drawn: Sequence[Mutation], seconds: float, processes: int = 2) -> list[Row]:
+    """Each mutation in a copy of the project, after the tests of all have been timed without any."""
+    imports = Imports(root)
+    near = {file: imports.nearest(file) for file in {each.file for each in drawn}}
+    needed = sorted({(test, has_kernels(root / file)) for file, tests in near.items() for test in tests})
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(processes) as pool:
+        unbroken, places = Path(folder) / "unbroken", SimpleQueue[Path]()
         _copy(root, unbroken)
-        places: SimpleQueue[Path] = SimpleQueue()
         for number in range(processes):
             places.put(Path(folder) / str(number))
+        times = dict(zip(needed, pool.map(lambda each: time_tests(unbroken, *each, seconds), needed), strict=True))
 
-        def tried(mutation: Mutation) -> Row:
-            place = places.get()
+        def attempt(mutation: Mutation) -> Row:
+            place, interpreted = places.get(), has_kernels(root / mutation.file)
             try:
-                return _try(unbroken, place, mutation, tests[mutation.file], limits[tests[mutation.file]])
+                tests = choose([times[test, interpreted] for test in near[mutation.file]], seconds)
+                return _attempt(unbroken, place, mutation, tests, interpreted=interpreted)
             finally:
                 places.put(place)
 
-        with ThreadPoolExecutor(processes) as pool:
-            needed = list({tests[each.file] for each in drawn})
-            limits = dict(zip(needed, pool.map(lambda which: _limit(unbroken, which), needed), strict=True))
-            return list(pool.map(tried, drawn))
+        return list(pool.map(attempt, drawn))
+
+
+def has_kernels(path: Path) -> bool:
+    """Whether code of it may be compiled, and then cached beside files that call it."""
+    return any(word in path.read_text(encoding="utf-8") for word in ("kernel", "njit", "compiled(", "CompiledLate"))
+
+
+def time_tests(place: Path, file: str, interpreted: bool, seconds: float) -> dict[str, float]:
+    """Seconds of the tests of a file that pass before its time is up."""
+    with tempfile.NamedTemporaryFile("r") as record:
+        run_tests(place, [file], seconds + PATIENCE, interpreted=interpreted, times=record.name)
+        lines = [line.split("\t") for line in record.read().splitlines()]
+    return {test: float(duration) for outcome, duration, test in lines if outcome == "passed"}
+
+
+def choose(files: Sequence[dict[str, float]], seconds: float) -> dict[str, float]:
+    """Tests of the files, nearest first and of each the quickest first, until the time is spent."""
+    ordered = list(chain.from_iterable(sorted(times.items(), key=lambda each: each[1]) for times in files))
+    spent = accumulate(duration for _, duration in ordered)
+    return {test: duration for (test, duration), so_far in zip(ordered, spent, strict=True) if so_far <= seconds}
 
 
 def _copy(root: Path, place: Path) -> None:
@@ -235,67 +282,62 @@ def _copy(root: Path, place: Path) -> None:
     for name in COPIED:
         if (root / name).is_dir():
             shutil.copytree(root / name, place / name, ignore=shutil.ignore_patterns("*.pyc", "results"))
-    shutil.copy2(root / "pyproject.toml", place)
+        elif (root / name).exists():
+            shutil.copy2(root / name, place)
 
 
-def _limit(place: Path, tests: Sequence[str]) -> float:
-    """Seconds after which the tests are ended, of how long they take unbroken; they have to pass."""
-    begun = time.perf_counter()
-    code, output = run_tests(place, tests, None)
-    if code != 0:
-        raise ValueError(f"the tests should pass without a mutation; found\n{output}")
-    return 3.0 * (time.perf_counter() - begun) + PATIENCE
-
-
-def _try(unbroken: Path, place: Path, mutation: Mutation, tests: Sequence[str], limit: float) -> Row:
+def _attempt(unbroken: Path, place: Path, mutation: Mutation, tests: dict[str, float], *, interpreted: bool) -> Row:
     _copy(unbroken, place)
     (place / mutation.file).write_text(mutation.source, encoding="utf-8")
     begun = time.perf_counter()
-    code, _ = run_tests(place, tests, limit)
-    outcome = {0: "survived", None: "timed out"}.get(code, "killed")
+    limit = 3.0 * sum(tests.values()) + PATIENCE
+    code = run_tests(place, ["-x", *tests], limit, interpreted=interpreted) if tests else 5
+    outcome = {0: "survived", 1: "killed", None: "timed out"}.get(code, "unclear")
     seconds = round(time.perf_counter() - begun, 1)
     print(f"{outcome:9} {seconds:6.1f} s  {mutation.file}:{mutation.line} {mutation.kind}", flush=True)
     return Row(mutation.file, mutation.line, mutation.kind, outcome, seconds, mutation.diff(unbroken))
 
 
-def run_tests(place: Path, tests: Sequence[str], limit: float | None) -> tuple[int | None, str]:
-    """The exit status, None at the limit, and what was said; nothing that was started goes on."""
+def run_tests(
+    place: Path, tests: Sequence[str], limit: float, *, interpreted: bool = False, times: str = os.devnull
+) -> int | None:
+    """The exit status, None at the limit; nothing that was started goes on. times: a file for what each test took."""
+    (place / "watch_tests.py").write_text(WATCH, encoding="utf-8")
     environment = os.environ | {
         "PYTHONPATH": str(place),
         "PYTHONDONTWRITEBYTECODE": "1",
+        "NUMBA_DISABLE_JIT": str(int(interpreted)),
         "HYPOTHESIS_PROFILE": "ci",
         "OMP_NUM_THREADS": "1",
+        "MUTATION_TIMES": times,
     }
     environment.pop("NUMBA_CACHE_DIR", None)  # the copy's kernels lie in the copy
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "watch_tests", *tests]
+    streams: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.STDOUT}
     with subprocess.Popen(command, cwd=place, env=environment, start_new_session=True, **streams) as process:
         try:
-            output, _ = process.communicate(timeout=limit)
-            return process.returncode, output
+            return process.wait(limit)
         except subprocess.TimeoutExpired:
-            return None, ""
+            return None
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-def page(rows: Sequence[Row], command: str, sources: str) -> str:
+def parts(rows: Sequence[Row], run: str) -> list[str]:
     """The score, of each file too, and the survivors as diffs."""
-    survivors = [row for row in rows if row.outcome == "survived"]
-    counts = [(file, [row for row in rows if row.file == file]) for file in sorted({row.file for row in rows})]
-    lines = [(file, len(those) - sum(row in survivors for row in those), len(those)) for file, those in counts]
-    parts = [
-        "# Wrong lines that the tests notice",
-        f"`{command}`: {len(rows) - len(survivors)} of {len(rows)} noticed, "
-        f"{sum(row.outcome == 'timed out' for row in rows)} of them by the time that they take; "
-        f"{len(survivors)} survived. {sum(row.seconds for row in rows) / 3600:.1f} hours of one core; "
-        f"on commit {sources}.",
-        table("| file | noticed | tried |", "| {0[0]} | {0[1]:d} | {0[2]:d} |", lines),
+    counts = {outcome: sum(row.outcome == outcome for row in rows) for outcome in OUTCOMES}
+    noticed, clear = counts["killed"] + counts["timed out"], len(rows) - counts["unclear"]
+    files = [(file, [row.outcome for row in rows if row.file == file]) for file in sorted({row.file for row in rows})]
+    lines = [(file, *(outcomes.count(outcome) for outcome in OUTCOMES)) for file, outcomes in files]
+    told = [row for row in rows if row.outcome == "survived"]
+    return [
+        f"{noticed} of {clear} noticed, {counts['timed out']} of them by the time that they take; {counts['survived']} "
+        f"survived; {counts['unclear']} unclear. {run}.",
+        table(f"| file | {' | '.join(OUTCOMES)} |", "| {0[0]} | {0[1]:d} | {0[2]:d} | {0[3]:d} | {0[4]:d} |", lines),
         "## Survivors",
-        *(f"{row.file}, line {row.line}, {row.kind}:\n\n```diff\n{row.diff}\n```" for row in survivors),
+        *(f"{row.file}, line {row.line}, {row.kind}:\n\n```diff\n{row.diff}\n```" for row in told),
     ]
-    return "\n\n".join(parts) + "\n"
 
 
 if __name__ == "__main__":
