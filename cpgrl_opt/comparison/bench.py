@@ -59,12 +59,12 @@ class Started:
     default_seconds: float
 
 
-def unanswered(order: Order, started: Started, judgement: Judgement, *, noise: bool = False) -> Measurement:
+def count_as_limit(order: Order, started: Started, judgement: Judgement, *, noise: bool = False) -> Measurement:
     """The measurement of a contestant that gave no answer: it counts as the limit."""
-    return measured(order, started, judgement, seconds=order.limit, noise=noise)
+    return make_measurement(order, started, judgement, seconds=order.limit, noise=noise)
 
 
-def measured(
+def make_measurement(
     order: Order, started: Started, judgement: Judgement, *, seconds: float, noise: bool, ratio: float | None = None
 ) -> Measurement:
     """A measurement of an order; ratio: measured in turns, or else by the default's time before."""
@@ -125,12 +125,12 @@ class Bench:
         try:
             is_taken = candidate.supports(problem)
         except Exception:  # whatever a third party raises is its outcome
-            return unanswered(order, started, CRASHED)
+            return count_as_limit(order, started, CRASHED)
         if not is_taken:
-            return measured(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
+            return make_measurement(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
         silent = output_size()
         own = problem.copied()  # what it does to its arrays, flags or no flags, the judge and the others do not see
-        direction, first = answered(candidate.solve, own)
+        direction, first = ask_contestant(candidate.solve, own)
         judgement = CRASHED
         if direction is not None:
             is_raw = order.variant == "raw"
@@ -138,13 +138,13 @@ class Bench:
         if first > order.limit:  # came back before its caller looked
             judgement = HUNG
         if direction is None or judgement is HUNG:
-            return unanswered(order, started, judgement, noise=output_size() != silent)
+            return count_as_limit(order, started, judgement, noise=output_size() != silent)
         try:
-            seconds, ratio = timed(candidate.solve, self.default, own, first=first, repeats=order.repeats)
+            seconds, ratio = time_in_turns(candidate.solve, self.default, own, first=first, repeats=order.repeats)
         except Exception:  # at a later call, or of the default: what it made of the arrays is no problem any more
-            return unanswered(order, started, CRASHED, noise=output_size() != silent)
+            return count_as_limit(order, started, CRASHED, noise=output_size() != silent)
         noise = output_size() != silent
-        return measured(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise)
+        return make_measurement(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise)
 
 
 def isolated_bench() -> Isolated:
@@ -172,13 +172,13 @@ def measurement_of(order: Order, bench: Isolated) -> Measurement:
     try:
         found: Measurement = bench.apply(".measure", order, time_limit=wall, cpu_limit=order.limit + _TIMING)
     except HangError:
-        return unanswered(order, started, HUNG)
+        return count_as_limit(order, started, HUNG)
     except IsolationError:  # whatever else is raised is a fault of ours
-        return unanswered(order, started, CRASHED)
+        return count_as_limit(order, started, CRASHED)
     return found
 
 
-def answered(solve: Solve, problem: DirectionProblem) -> tuple[Direction | None, float]:
+def ask_contestant(solve: Solve, problem: DirectionProblem) -> tuple[Direction | None, float]:
     """(the direction, or None where the contestant raised or gave something else; CPU seconds)."""
     start = process_time_ns()
     try:
@@ -189,7 +189,7 @@ def answered(solve: Solve, problem: DirectionProblem) -> tuple[Direction | None,
         return None, (process_time_ns() - start) * 1e-9
 
 
-def timed(
+def time_in_turns(
     solve: Solve, default: Solve, problem: DirectionProblem, *, first: float, repeats: int
 ) -> tuple[float, float]:
     """(median CPU seconds, their ratio to the default's median), the two taking turns; `first` is known already."""

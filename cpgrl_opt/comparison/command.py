@@ -117,7 +117,7 @@ def compare(
             command=request.command(),
             machine=machine(),
             versions=found | {_package(name): why for name, why in absent.items()},
-            settings=settings.described(jobs),
+            settings=settings.describe(jobs),
             families={name: family_named(name).reason for name in settings.families},
             seed=settings.seed,
             wall_seconds=checkpoint.wall_seconds,

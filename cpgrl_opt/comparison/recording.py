@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..problem import DirectionProblem, ProblemBatch
-from .recording_file import Kind, read_arrays
+from .recording_file import read_arrays
 
 FORMAT = "cpgrl recording 1"
 FORMAT_WITH_RADIUS = "cpgrl recording 2"  # has one array more; what has no ball is written as ever
@@ -50,10 +50,11 @@ class Recording:
     radius: Float[np.ndarray, "P"] | None = None
 
     def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            if name != "radius" or self.radius is not None:
+                _require_kind(name, getattr(self, name))
         if self.radius is None:
             object.__setattr__(self, "radius", np.full(len(self.gradient), np.inf))
-        for name in _ARRAYS:
-            _require_kind(name, getattr(self, name))
         _require_unicode(self.selection, *self.trainings)
         for name in _ROWS:
             array = getattr(self, name)
@@ -133,11 +134,8 @@ def _in_ball(problem: DirectionProblem, radius: float) -> DirectionProblem:
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.name not in _TEXTS)
-_AXES = {"jacobian": 3, "gradient": 2, "bound": 2, "equality": 2}
-_KINDS = {
-    name: Kind("i8" if name in _ROWS else "b1" if name == "equality" else "f8", (_AXES.get(name, 1),))
-    for name in _ARRAYS
-} | {"format": Kind("U", (0,)), "trainings": Kind("U", (0, 1)), "selection": Kind("U", (0,))}
+_TYPES = {name: np.int64 if name in _ROWS else np.float64 for name in _ARRAYS} | {"equality": np.bool_}
+_AXES = dict.fromkeys(_ARRAYS, 1) | {"jacobian": 3, "gradient": 2, "bound": 2, "equality": 2}
 
 
 def joined(recordings: Iterable[Recording]) -> Recording:
@@ -162,9 +160,9 @@ def load_recording(path: Path | str) -> Recording:
 
     Raises ValueError for a file that is not there or not such a recording.
     """
-    contents = read_arrays(Path(path), _KINDS, optional=("radius",))
+    contents = read_arrays(Path(path), (*_ARRAYS, *_TEXTS), optional=("radius",))
     try:
-        texts = {name: tuple(map(str, contents.pop(name).reshape(-1))) for name in _TEXTS}
+        texts = {name: _texts(name, contents.pop(name)) for name in _TEXTS}
         written = FORMAT_WITH_RADIUS if "radius" in contents else FORMAT
         if texts["format"] != (written,):
             raise ValueError(f"format should be {written!r}; found {texts['format'][0]!r}")
@@ -201,13 +199,17 @@ def _shipped_problems(name: str, equality: bool) -> Sequence[DirectionProblem]:
 
 
 def _require_kind(name: str, array: Any) -> None:
-    kind = _KINDS[name]
-    dtype = np.dtype(kind.types)
-    if not isinstance(array, np.ndarray) or array.dtype != dtype:
+    if not isinstance(array, np.ndarray) or array.dtype != _TYPES[name]:
         found = getattr(array, "dtype", type(array).__name__)
-        raise ValueError(f"{name} should be an array of {dtype}; found {found}")
-    if array.ndim not in kind.axes:
-        raise ValueError(f"{name} should have {kind.axes[0]} axes; found shape {array.shape}")
+        raise ValueError(f"{name} should be an array of {np.dtype(_TYPES[name])}; found {found}")
+    if array.ndim != _AXES[name]:
+        raise ValueError(f"{name} should have {_AXES[name]} axes; found shape {array.shape}")
+
+
+def _texts(name: str, array: np.ndarray) -> tuple[str, ...]:
+    if array.dtype.kind != "U" or array.ndim > (name == "trainings"):
+        raise ValueError(f"{name} should be text; found {array.dtype} of shape {array.shape}")
+    return tuple(map(str, array.reshape(-1)))
 
 
 def _require_unicode(*texts: str) -> None:

@@ -63,7 +63,7 @@ class ComparisonSettings:
         """How many problems of a family are tried."""
         return max(1, self.problems // _LARGE_SHARE) if family_named(family).is_large else self.problems
 
-    def described(self, jobs: int) -> dict[str, object]:
+    def describe(self, jobs: int) -> dict[str, object]:
         """The settings in a reader's words."""
         large = self.problems_of(next(name for name, family in FAMILIES.items() if family.is_large))
         return {

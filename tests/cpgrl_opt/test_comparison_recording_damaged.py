@@ -42,25 +42,19 @@ def npy(array, shape=None, descr=None):
 
 
 HEADERS = {
-    "cut short": ({"gradient": npy(TINY.gradient)[:60]}, "gradient without a header"),
-    "without axes": ({"gradient": npy(np.array(1.0))}, r"gradient of shape \(\)"),
-    "of 8 TB": (
-        {"gradient": npy(TINY.gradient, shape=(1_000_000, 1_000_000))},
-        "gradient whose header speaks of 8000000000000 bytes",
-    ),
-    "of too little": ({"gradient": npy(TINY.gradient, shape=(1, 1))}, "speaks of 8 bytes"),
-    "of another type": ({"run": npy(TINY.run, descr="<f8")}, "run of type float64"),
-    "of objects": ({"run": npy(TINY.run, descr="|O")}, "run of type object"),
-    "nested too deep": (
-        {"run": b"\x93NUMPY\x01\x00" + (9000).to_bytes(2, "little") + b"(" * 9000},
-        "run without a header",
-    ),
+    "cut short": ({"gradient": npy(TINY.gradient)[:60]}, "gradient.npy that cannot be read"),
+    "without axes": ({"gradient": npy(np.array(1.0))}, r"gradient should have 2 axes; found shape \(\)"),
+    "of 8 TB": ({"gradient": npy(TINY.gradient, shape=(1_000_000, 1_000_000))}, "gradient.npy that cannot be read"),
+    "of too little": ({"gradient": npy(TINY.gradient, shape=(1, 1))}, "more bytes than its header speaks of"),
+    "of another type": ({"run": npy(TINY.run, descr="<f8")}, "run should be an array of int64; found float64"),
+    "of objects": ({"run": npy(TINY.run, descr="|O")}, "run.npy that cannot be read"),
+    "of numbers for text": ({"selection": npy(np.array(1.0))}, "selection should be text; found float64"),
     "of text that is no Unicode": ({"selection": npy(np.array("\ud800"))}, "codec can't decode"),
 }
 
 
 @pytest.mark.parametrize("header", HEADERS)
-def test_a_header_that_fits_no_recording_is_refused_before_anything_is_read(header, members, tmp_path):
+def test_a_header_that_fits_no_recording_is_refused(header, members, tmp_path):
     changes, what = HEADERS[header]
     path = tmp_path / "odd.npz"
     path.write_bytes(packed(members | changes))
@@ -140,14 +134,13 @@ except ValueError as error:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc and limits memory")
-@pytest.mark.parametrize(("name", "what"), [("gradient", "bytes that unpack to")])
-def test_a_small_file_that_unpacks_to_much_is_refused_in_little_memory(name, what, members, tmp_path):
+def test_a_small_file_that_unpacks_to_much_is_refused_in_little_memory(members, tmp_path):
     path = tmp_path / "bomb.npz"
     rows = 150_000
-    path.write_bytes(packed(members | {name: npy(np.zeros((rows, 125)))}))
+    path.write_bytes(packed(members | {"gradient": npy(np.zeros((rows, 125)))}))
     assert path.stat().st_size < 200_000
     command = [sys.executable, "-c", BOMB, str(path)]
     ended = subprocess.run(command, timeout=120, check=False, stderr=subprocess.PIPE, text=True)
     assert ended.returncode == 1
     assert ended.stderr.startswith(f"{path} should be a recording"), ended.stderr
-    assert what in ended.stderr
+    assert "bytes that unpack to" in ended.stderr
