@@ -300,7 +300,7 @@ def _reproduce(
         settings = experiment(**chosen)
         totals = {case.label: case.episodes for case in settings.cases()}
     files = runner.files_of(experiment)
-    with _reserved(out):
+    with _reserve(out):
         place = _place(out, files, runner.key_of(settings), anew=anew)
         recorded: dict[str, int] = {}
         with ProgressBars(totals) as bars, _telling_what_is_kept(bars, recorded, place, out):
@@ -320,7 +320,7 @@ def _reproduce(
 
 
 @contextmanager
-def _reserved(out: Path) -> Iterator[None]:
+def _reserve(out: Path) -> Iterator[None]:
     """The directory for this command alone, one line where it cannot be had."""
     from .experiments.results_directory import UnusableDirectoryError, reserve
 
@@ -411,15 +411,8 @@ def _clean_errors(*refusals: type[Exception]) -> Iterator[None]:
     from .experiments.workers import WorkerDiedError
     from .training import DivergenceError
 
-    missing = MissingPackageError, ReportPackagesError
-    told: tuple[type[Exception], ...] = (
-        *missing,
-        CheckpointError,
-        DivergenceError,
-        WorkerDiedError,
-        OSError,
-        *refusals,
-    )
+    no_bugs = MissingPackageError, ReportPackagesError, CheckpointError, DivergenceError, WorkerDiedError, OSError
+    told: tuple[type[Exception], ...] = (*no_bugs, *refusals)
     try:
         yield
     except BrokenPipeError:

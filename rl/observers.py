@@ -44,10 +44,10 @@ def observed(records: Iterable[TrainingRecord], *observers: RecordObserver) -> I
     for observer in observers:
         if not isinstance(observer, RecordObserver):
             raise ValueError(f"an observer should have see(record) and close(); found {observer!r}")
-    return _observed(records, list(observers))
+    return _show_records(records, list(observers))
 
 
-def _observed(records: Iterable[TrainingRecord], watching: list[RecordObserver]) -> Iterator[TrainingRecord]:
+def _show_records(records: Iterable[TrainingRecord], watching: list[RecordObserver]) -> Iterator[TrainingRecord]:
     try:
         for record in records:
             for observer in list(watching):

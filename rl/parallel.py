@@ -13,6 +13,7 @@ from cpgrl_opt.validation import require_count
 from .streams import run_indices
 
 T = TypeVar("T")
+Item = TypeVar("Item")
 
 
 def map_runs(
@@ -34,14 +35,14 @@ def map_runs(
     from joblib import Parallel, delayed
 
     workers = Parallel(n_jobs=len(shares), prefer="threads" if threads else "processes")
-    return list(workers(delayed(_run)(task, share, os.getpid()) for share in shares))
+    return list(workers(delayed(run_under)(os.getpid(), task, share) for share in shares))
 
 
-def _run(task: Callable[[Sequence[int]], T], share: Sequence[int], parent: int) -> T:
-    """task(share), in a process that ends with `parent` if it is its child."""
+def run_under(parent: int, task: Callable[[Item], T], item: Item) -> T:
+    """task(item), in a process that ends with `parent` if it is its child."""
     if os.getpid() != parent and os.getppid() == parent:
         end_with(parent)
-    return task(share)
+    return task(item)
 
 
 @cache

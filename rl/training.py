@@ -116,7 +116,7 @@ class Training:
             raise ValueError(f"the estimator's start should return an Estimation (episode); found {self._estimation!r}")
         self._learner, self._memory = learner, None
         self._course = Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
-        self._learning, self._step = _compiled(self._estimation, learner, self._theta, self._course)
+        self._learning, self._step = _compiled_learning(self._estimation, learner, self._theta, self._course)
         self._environment = environment
         self._made_with = {  # before anybody counts anything in them
             "policy": describe_policy(policy),
@@ -309,7 +309,7 @@ def _require_types(policy: object, estimator: object, learner: object, initial: 
         raise ValueError(f"initial should be a function of a random generator, or None; found {initial!r}")
 
 
-def _compiled(
+def _compiled_learning(
     estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: Course
 ) -> tuple[LearningEstimation | None, tuple[Any, ...]]:
     """Who makes usual updates without Python, and what it takes of the learner; None where nobody can.
@@ -339,10 +339,12 @@ def _first_parameters(
 ) -> Float[np.ndarray, "B n"]:
     if initial is None:
         return np.array([parameter_vector(policy.parameters, np.size(policy.parameters)) for _ in rngs])
-    return np.array([policy.with_parameters(_drawn(initial, rng, len(policy.parameters))).parameters for rng in rngs])
+    return np.array(
+        [policy.with_parameters(_draw_parameters(initial, rng, len(policy.parameters))).parameters for rng in rngs]
+    )
 
 
-def _drawn(initial: Initial, rng: np.random.Generator, n: int) -> Vector:
+def _draw_parameters(initial: Initial, rng: np.random.Generator, n: int) -> Vector:
     try:
         return parameter_vector(initial(rng), n)
     except ValueError as error:

@@ -71,11 +71,11 @@ def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Ce
         for record in records:
             last, reached = record, record.episode
             if record.episode % every == 0:
-                recorded[record.episode] = _measured(measure, record)
+                recorded[record.episode] = _measure_record(measure, record)
         if last is None:
             raise ValueError("a training should have one episode at least; found none")
-        recorded.setdefault(reached, _measured(measure, last))
-        values = _stacked(recorded)
+        recorded.setdefault(reached, _measure_record(measure, last))
+        values = _stack(recorded)
         if taken := [name for name in values if name in (*cell.settings, *OURS)]:
             raise ValueError(f"measure should have names of its own; found {', '.join(taken)}")
     except (Exception, SystemExit) as error:
@@ -100,7 +100,7 @@ def _in_words(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {words}".split()).removesuffix(":")
 
 
-def _measured(measure: Measure, record: TrainingRecord) -> dict[str, np.ndarray]:
+def _measure_record(measure: Measure, record: TrainingRecord) -> dict[str, np.ndarray]:
     found = {name: np.array(value, dtype=np.float64) for name, value in measure(record).items()}
     runs = len(record.parameters)
     if not found or any(value.ndim != 2 or len(value) != runs for value in found.values()):
@@ -109,7 +109,7 @@ def _measured(measure: Measure, record: TrainingRecord) -> dict[str, np.ndarray]
     return found
 
 
-def _stacked(recorded: Mapping[int, Mapping[str, np.ndarray]]) -> dict[str, list[Any]]:
+def _stack(recorded: Mapping[int, Mapping[str, np.ndarray]]) -> dict[str, list[Any]]:
     names = [*next(iter(recorded.values()))]
     stacked = {name: np.stack([own[name] for own in recorded.values()]) for name in names}
     if len({values.shape for values in stacked.values()}) > 1:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from cpgrl_opt.validation import require_count, require_member
 
 from ..experiments.workers import WorkerDiedError
-from ..parallel import end_with
+from ..parallel import end_with, run_under
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -28,7 +28,7 @@ class MissingEngineError(ImportError):
     """The package of an engine is not installed; the message says what to type."""
 
 
-def unordered(
+def map_unordered(
     task: Callable[[Item], Result],
     items: Sequence[Item],
     died: Callable[[Item], Result],
@@ -116,14 +116,7 @@ def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, j
         workers = stack.enter_context(Parallel(return_as="generator_unordered" if hand_over else "list", batch_size=1))
         size = len(items) if hand_over else _ROUND * workers._effective_n_jobs()
         for start in range(0, len(items), size):
-            yield from workers(delayed(_carry_out)(task, item, os.getpid()) for item in items[start : start + size])
-
-
-def _carry_out(task: Callable[[Any], Any], item: Any, parent: int) -> Any:
-    """task(item), in a process that ends with `parent` if it is its child."""
-    if os.getpid() != parent and os.getppid() == parent:
-        end_with(parent)
-    return task(item)
+            yield from workers(delayed(run_under)(os.getpid(), task, item) for item in items[start : start + size])
 
 
 def _leave_ctrl_c_to(parent: int) -> None:
@@ -176,7 +169,7 @@ _PACKAGES = {"loky": "joblib", "dask": "distributed", "ray": "ray"}
 
 
 def require_engine(engine: str, jobs: int) -> None:
-    """What `unordered` raises, before anything is done."""
+    """What `map_unordered` raises, before anything is done."""
     require_count("jobs", jobs)
     require_member("engine", engine, tuple(ENGINES))
     if find_spec(_PACKAGES[engine]) is None:

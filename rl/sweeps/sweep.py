@@ -15,7 +15,7 @@ from cpgrl_opt.validation import require_count
 from ..streams import run_indices
 from ..training import TrainingRecord
 from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, keys_of, outcome_of_dead
-from .engines import require_engine, unordered
+from .engines import map_unordered, require_engine
 from .store import plain, rows_of, store
 
 
@@ -77,7 +77,7 @@ def sweep(
     anew
         Forgets what the folder holds.
     engine, jobs
-        As `unordered` says.
+        As `map_unordered` says.
     listen
         Called as each training ends: how many are done, of how many, its outcome.
 
@@ -102,7 +102,7 @@ def sweep(
         ended = dict(kept.found)
         done = len(cells) - len(missing)
         task = partial(carry_out, training, measure, every)
-        for outcome in unordered(task, missing, outcome_of_dead, engine=engine, jobs=jobs):
+        for outcome in map_unordered(task, missing, outcome_of_dead, engine=engine, jobs=jobs):
             kept.add(outcome)
             ended[outcome.key], done = outcome, done + 1
             if listen is not None:

@@ -117,12 +117,11 @@ def stop_at(directory, settings, number, **options):
     return heard
 
 
-@pytest.mark.parametrize(("kind", "first", "second"), [("chain compared", 1, 2), ("arm", 2, 1)])
-def test_it_goes_on_with_another_number_of_processes(kind, first, second, tmp_path, undisturbed):
-    stop_at(tmp_path, KINDS[kind], 4, processes=first)
+def test_it_goes_on_with_another_number_of_processes(tmp_path, undisturbed):
+    stop_at(tmp_path, ARM, 4, processes=2)
     assert reached(tmp_path)
-    runner.reproduce(KINDS[kind], tmp_path, processes=second)
-    assert contents(tmp_path) == undisturbed[kind]
+    runner.reproduce(ARM, tmp_path)
+    assert contents(tmp_path) == undisturbed["arm"]
 
 
 def test_no_more_than_the_last_interval_is_lost(tmp_path):
@@ -134,8 +133,7 @@ def test_no_more_than_the_last_interval_is_lost(tmp_path):
     assert own == [*range(0, CHAIN.episodes, CHAIN.record_every), CHAIN.episodes]
 
 
-@pytest.mark.parametrize("kind", ["chain compared", "arm"])
-def test_what_is_done_is_not_done_again(kind, tmp_path, undisturbed, monkeypatch):
+def test_what_is_done_is_not_done_again(tmp_path, undisturbed, monkeypatch):
     """Killed after the training, before the last file."""
 
     def stop(*_):
@@ -144,10 +142,10 @@ def test_what_is_done_is_not_done_again(kind, tmp_path, undisturbed, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(runner, "write_claims", stop)
         with pytest.raises(StopError):
-            runner.reproduce(KINDS[kind], tmp_path)
-    assert set(reached(tmp_path).values()) == {case.episodes for case in KINDS[kind].cases()}
-    runner.reproduce(KINDS[kind], tmp_path)
-    assert contents(tmp_path) == undisturbed[kind]
+            runner.reproduce(ARM, tmp_path)
+    assert set(reached(tmp_path).values()) == {case.episodes for case in ARM.cases()}
+    runner.reproduce(ARM, tmp_path)
+    assert contents(tmp_path) == undisturbed["arm"]
 
 
 def test_only_the_same_experiment_goes_on(tmp_path, undisturbed, monkeypatch):

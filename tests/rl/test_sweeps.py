@@ -56,7 +56,7 @@ def read(folder):
         return list(csv.DictReader(file))
 
 
-def test_a_row_for_each_setting_seed_run_episode_and_channel(training, tmp_path):
+def test_a_row_for_each_setting_seed_run_episode_and_channel_and_one_for_a_training_that_broke(training, tmp_path):
     found = sweep(training, GRID, seeds=[1, 4], every=10, out=tmp_path)
     keys = [tuple(row[name] for name in found.columns[:-2]) for row in found.rows if not row["error"]]
     assert keys == [
@@ -65,16 +65,12 @@ def test_a_row_for_each_setting_seed_run_episode_and_channel(training, tmp_path)
         if (solver, threshold, seed) != ("rosen", 0.0, 1)
         for run in range(2) for episode in (10, 20, 25) for channel in range(4)
     ]  # fmt: skip
-    *_, last = training("active-set", 0.0, 4)
-    assert [row["value"] for row in found.rows[-4:]] == last.estimate.values[1].tolist()
-    assert [{name: str(value) for name, value in row.items()} for row in found.rows] == read(tmp_path)
-
-
-def test_a_broken_training_is_a_row_with_its_error(training):
-    found = sweep(training, GRID, seeds=2)
     (row,) = found.failed
     assert (row["solver"], row["threshold"], row["seed"], row["value"]) == ("rosen", 0.0, 1, "")
     assert row["error"] == "RuntimeError: the environment broke"
+    *_, last = training("active-set", 0.0, 4)
+    assert [row["value"] for row in found.rows[-4:]] == last.estimate.values[1].tolist()
+    assert [{name: str(value) for name, value in row.items()} for row in found.rows] == read(tmp_path)
 
 
 def test_two_processes_make_the_same_rows_but_of_a_training_that_ends_its_process(tmp_path):
