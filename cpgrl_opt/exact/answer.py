@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import Multipliers, Vector
 from ..problem import DirectionProblem
 from .faces import Polyhedron
-from .rational import RationalProblem, solve, subsets
+from .rational import RationalProblem, Weights, subsets, total
 from .trust_region import exact_trust_region
 
 MOST_EXACT_CONSTRAINTS = 8  # 2⁸ active sets
@@ -70,7 +70,7 @@ def exact_answer(problem: DirectionProblem) -> ExactAnswer:
     return ExactAnswer(True, direction, _spread(mu, problem.m))
 
 
-def _farkas(rational: RationalProblem) -> dict[int, Fraction]:
+def _farkas(rational: RationalProblem) -> Weights:
     """y on a minimally dependent set of rows; by Farkas' lemma there is one where no active set was optimal."""
     for support in subsets(rational.rows, rational.n + 1):
         y = _elementary_vector(rational, support) if support else None
@@ -79,22 +79,22 @@ def _farkas(rational: RationalProblem) -> dict[int, Fraction]:
     raise AssertionError("Farkas' lemma fails: no active set is optimal, and none carries a proof")
 
 
-def _elementary_vector(rational: RationalProblem, support: Sequence[int]) -> dict[int, Fraction] | None:
+def _elementary_vector(rational: RationalProblem, support: Sequence[int]) -> Weights | None:
     """y with J_𝒞ᵀy = 0, its last entry ±1, bᵀy > 0 and y ≥ 0 on I; None where there is none."""
     *others, last = support
-    weights = solve(rational.matrix(others, others), [-rational.gram[i, last] for i in others])
+    weights = rational.solve_on(others, {i: -rational.gram[i, last] for i in others})
     if weights is None:
         return None
-    y = dict(zip(support, [*weights, Fraction(1)], strict=True))
+    y = weights | {last: Fraction(1)}
     if any(rational.along(i, y) != 0 for i in support):  # Ky = 0 is Jᵀy = 0, since yᵀKy is its square
         return None
-    gain = sum(w * rational.b[i] for i, w in y.items())
+    gain = total(rational.b, y)
     y = {i: w if gain > 0 else -w for i, w in y.items()}
     proves = gain != 0 and all(w >= 0 or i in rational.equality for i, w in y.items())
     return y if proves else None
 
 
-def _spread(weights: dict[int, Fraction], m: int) -> Multipliers:
+def _spread(weights: Weights, m: int) -> Multipliers:
     spread = np.zeros(m)
     for i, value in weights.items():
         spread[i] = float(value)

@@ -15,9 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import isqrt
 
-from .rational import RationalProblem, solve, subsets
-
-Weights = dict[int, Fraction]
+from .rational import RationalProblem, Weights, subsets, total
 
 DIGITS = 200  # bits of a square root: more than any float64 comparison sees
 
@@ -43,12 +41,9 @@ class Polyhedron:
     def shortest(self) -> tuple[Weights, Fraction] | None:
         """(y, ‖d‖²) of its shortest point d = M⁻¹Jᵀy; None where it is empty."""
         for face in subsets(self.rows, self.problem.n):
-            values = solve(self.problem.matrix(face, face), [self.b[i] for i in face])
-            if values is None:
-                continue
-            y = dict(zip(face, values, strict=True))
-            if self._signs(y) and self._holds({i: self.problem.along(i, y) for i in self.rows}, {}, Fraction(0)):
-                return y, sum((self.b[i] * y[i] for i in face), Fraction(0))
+            y = self.problem.solve_on(face, self.b)
+            if y is not None and self._signs(y) and self._holds_at(y):
+                return y, total(self.b, y)
         return None
 
     def best_in_ball(self, square: Fraction) -> Found | None:
@@ -59,10 +54,10 @@ class Polyhedron:
         """κ = 0: g + J_𝒜ᵀμ = 0 with μ ≥ 0; all optima hold these rows, and the shortest of them is wanted."""
         problem = self.problem
         for face in subsets(self.rows, problem.n):
-            w = solve(problem.matrix(face, face), [problem.pull[i] for i in face])
-            if w is None or problem.strength != sum((problem.pull[i] * x for i, x in zip(face, w, strict=True)), 0):
+            w = problem.solve_on(face, problem.pull)
+            if w is None or problem.strength != total(problem.pull, w):
                 continue
-            mu = {i: -x for i, x in zip(face, w, strict=True) if x}
+            mu = {i: -x for i, x in w.items() if x}
             if not self._signs(mu):
                 continue
             shortest = Polyhedron(problem, self.rows, self.b, self.equality | set(mu)).shortest()
@@ -78,13 +73,10 @@ class Polyhedron:
     def _on_the_sphere(self, square: Fraction) -> Found | None:
         problem = self.problem
         for face in subsets(self.rows, problem.n):
-            K = problem.matrix(face, face)
-            u, w = solve(K, [self.b[i] for i in face]), solve(K, [problem.pull[i] for i in face])
-            if u is None or w is None:
+            y, z = problem.solve_on(face, self.b), problem.solve_on(face, problem.pull)
+            if y is None or z is None:
                 continue
-            y, z = dict(zip(face, u, strict=True)), dict(zip(face, w, strict=True))
-            room = square - sum((self.b[i] * y[i] for i in face), Fraction(0))
-            slope = problem.strength - sum((problem.pull[i] * z[i] for i in face), Fraction(0))
+            room, slope = square - total(self.b, y), problem.strength - total(problem.pull, z)
             if room > 0 and slope > 0:
                 found = self._along(y, z, room, slope)
             elif room == 0 and slope == 0:
@@ -92,8 +84,7 @@ class Polyhedron:
             else:
                 continue
             if found is not None:
-                parts = room / square, slope / problem.strength
-                return Found(*found, *parts)
+                return Found(*found, room / square, slope / problem.strength)
         return None
 
     def _along(
@@ -115,7 +106,7 @@ class Polyhedron:
 
     def _at_a_vertex(self, y: Weights, z: Weights) -> tuple[Weights, Fraction, Weights, None] | None:
         """q on the sphere where no part of g is left: any κ with κu ≥ w on I proves it."""
-        if not self._holds({i: self.problem.along(i, y) for i in self.rows}, {}, Fraction(0)):
+        if not self._holds_at(y):
             return None
         free = [i for i in y if i not in self.equality]
         if any(y[i] == 0 and z[i] > 0 for i in free):
@@ -129,16 +120,15 @@ class Polyhedron:
     def _leaves_some_of_g(self, tight: Sequence[int]) -> bool:
         """Whether g is outside the span of the rows: κ is then its part outside over d's, and there is only one."""
         problem = self.problem
-        chosen: list[int] = []
-        for i in tight:
-            block = [*chosen, i]
-            if solve(problem.matrix(block, block), [problem.pull[j] for j in block]) is not None:
-                chosen = block
-        w = solve(problem.matrix(chosen, chosen), [problem.pull[i] for i in chosen]) or []
-        return problem.strength != sum((problem.pull[i] * x for i, x in zip(chosen, w, strict=True)), Fraction(0))
+        w = problem.solve_on(problem.independent(tight), problem.pull) or {}
+        return problem.strength != total(problem.pull, w)
 
     def _signs(self, mu: Weights) -> bool:
         return all(value >= 0 or i in self.equality for i, value in mu.items())
+
+    def _holds_at(self, y: Weights) -> bool:
+        """Whether M⁻¹Jᵀy is in it."""
+        return self._holds({i: self.problem.along(i, y) for i in self.rows}, {}, Fraction(0))
 
     def _holds(self, start: Weights, ahead: Weights, square: Fraction) -> bool:
         """Jd ≥ b, = b on E, where Jd = start + s·ahead."""

@@ -5,7 +5,7 @@
 are all that a search over active sets needs to know: whatever the metric, it runs in the coordinates (α, y).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations
 
@@ -14,6 +14,7 @@ import numpy as np
 from ..problem import DirectionProblem
 
 Rationals = list[Fraction]
+Weights = dict[int, Fraction]  # of rows
 
 
 class RationalProblem:
@@ -33,7 +34,7 @@ class RationalProblem:
         self.pull = {i: dot(self.lifted[i], g) for i in self.rows}
         self.strength = dot(self.lifted_g, g)
 
-    def direction(self, weights: dict[int, Fraction], climb: Fraction) -> Rationals:
+    def direction(self, weights: Weights, climb: Fraction) -> Rationals:
         """M⁻¹(αg + Jᵀy)."""
         terms = [(y, self.lifted[i]) for i, y in weights.items() if y]
         return [climb * g + sum(y * row[k] for y, row in terms) for k, g in enumerate(self.lifted_g)]
@@ -42,9 +43,27 @@ class RationalProblem:
         """A block of K."""
         return [[self.gram[i, j] for j in columns] for i in rows]
 
-    def along(self, i: int, weights: dict[int, Fraction]) -> Fraction:
+    def along(self, i: int, weights: Weights) -> Fraction:
         """(Ky)ᵢ."""
         return sum((self.gram[i, j] * y for j, y in weights.items()), Fraction(0))
+
+    def solve_on(self, rows: Sequence[int], right: Mapping[int, Fraction]) -> Weights | None:
+        """y with Ky = right on these rows; None where they are dependent."""
+        y = solve(self.matrix(rows, rows), [right[i] for i in rows])
+        return None if y is None else dict(zip(rows, y, strict=True))
+
+    def independent(self, rows: Sequence[int]) -> list[int]:
+        """The first independent ones."""
+        basis = list[int]()
+        for i in rows:
+            if self.solve_on([*basis, i], self.b) is not None:
+                basis.append(i)
+        return basis
+
+
+def total(numbers: Mapping[int, Fraction], weights: Weights) -> Fraction:
+    """Σ numbersᵢ yᵢ."""
+    return sum((numbers[i] * y for i, y in weights.items()), Fraction(0))
 
 
 def subsets(rows: Sequence[int], most: int) -> Iterator[tuple[int, ...]]:

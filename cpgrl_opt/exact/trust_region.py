@@ -6,15 +6,15 @@ Where the ball misses C = {Jd ≥ b}, or C is empty, d violates least on unit ro
 `faces` and `violation`). Nothing of the package's solvers and of its referee is in here.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
 
 from ..arrays import Mask, Multipliers, Vector
 from ..problem import DirectionProblem
-from .faces import Found, Polyhedron, Weights, root
-from .rational import RationalProblem, Rationals
+from .faces import Found, Polyhedron, root
+from .rational import RationalProblem, Rationals, Weights
 from .violation import held_back, least_lack
 
 
@@ -71,11 +71,10 @@ class _Search:
             return self._least_violation(can_be_met=shortest is not None)
         self.margin = 1 - shortest[1] / self.square
         found = self.constraints.best_in_ball(self.square)
-        if found is None:  # one point, where the ball touches C
-            found = Found(shortest[0], Fraction(0), None, None, Fraction(0), Fraction(0))
+        found = found or _only_point(shortest[0])  # where the ball touches C
         if self.impossible:
             proof = {i: Fraction(1 if self.rational.b[i] > 0 else -1) for i in self.impossible}
-            found = Found(found.weights, found.climb, proof, Fraction(0), found.room, found.slope)
+            found = replace(found, multipliers=proof, kappa=Fraction(0))
         return self._rounded(not self.impossible, found)
 
     def _least_violation(self, *, can_be_met: bool) -> TrustRegionAnswer:
@@ -87,17 +86,14 @@ class _Search:
             shortest = nearest.shortest()
             assert shortest is not None
             if shortest[1] <= self.square:
-                found = nearest.best_in_ball(self.square)
-                found = found or Found(shortest[0], Fraction(0), None, None, Fraction(0), Fraction(0))
+                found = nearest.best_in_ball(self.square) or _only_point(shortest[0])
                 proof = {i: value / rational.gram[i, i] for i, value in lack.items()}
                 self._miss_by(proof)
-                return self._rounded(
-                    False, Found(found.weights, found.climb, proof, Fraction(0), found.room, found.slope), set(lack)
-                )
+                return self._rounded(False, replace(found, multipliers=proof, kappa=Fraction(0)), set(lack))
         y, weight = held_back(self.constraints, self.square)
         proof = {i: value * weight for i, value in y.items()}
         self._miss_by(proof)
-        return self._rounded(False, Found(y, Fraction(0), proof, weight, Fraction(0), Fraction(0)), set(y))
+        return self._rounded(False, replace(_only_point(y), multipliers=proof, kappa=weight), set(y))
 
     def _miss_by(self, proof: Weights) -> None:
         """The margin, of wᵢrᵢ: in units of what is asked, however large the ball."""
@@ -128,6 +124,10 @@ class _Search:
             face,
             exact,
         )
+
+
+def _only_point(weights: Weights) -> Found:
+    return Found(weights, Fraction(0), None, None, Fraction(0), Fraction(0))
 
 
 def _float(value: Fraction) -> float:

@@ -13,8 +13,8 @@ Source: Moré & Sorensen 1983 (the equation for λ); Nocedal & Wright, Numerical
 from collections.abc import Sequence
 from fractions import Fraction
 
-from .faces import DIGITS, Polyhedron, Weights, root
-from .rational import solve, subsets
+from .faces import DIGITS, Polyhedron, root
+from .rational import Weights, solve, subsets, total
 
 _FARTHER = 2**20  # from one trial λ to the next, until the radius is between two
 
@@ -36,18 +36,10 @@ def least_lack(constraints: Polyhedron) -> Weights:
 
 def _regression(constraints: Polyhedron, rows: Sequence[int]) -> Weights:
     """r = b − Jd of the weighted regression of b on the rows, each counting as if its length were 1."""
-    problem, basis = constraints.problem, list[int]()
-    for i in rows:
-        block = [*basis, i]
-        if solve(problem.matrix(block, block), [Fraction(0)] * len(block)) is not None:
-            basis = block
-    normal = [
-        [sum((problem.gram[i, k] * problem.gram[k, j] / problem.gram[k, k] for k in rows), Fraction(0)) for j in basis]
-        for i in basis
-    ]
-    right = [
-        sum((problem.gram[i, k] * constraints.b[k] / problem.gram[k, k] for k in rows), Fraction(0)) for i in basis
-    ]
+    problem, gram = constraints.problem, constraints.problem.gram
+    basis = problem.independent(rows)
+    normal = [[sum((gram[i, k] * gram[k, j] / gram[k, k] for k in rows), Fraction(0)) for j in basis] for i in basis]
+    right = [sum((gram[i, k] * constraints.b[k] / gram[k, k] for k in rows), Fraction(0)) for i in basis]
     solution = solve(normal, right)
     assert solution is not None
     y = dict(zip(basis, solution, strict=True))
@@ -88,16 +80,21 @@ def _size(constraints: Polyhedron, weight: Fraction, guess: Sequence[int]) -> tu
         if all(y[i] >= 0 for i in chosen) and all(
             constraints.problem.along(i, y) >= constraints.b[i] for i in free if i not in chosen
         ):
-            return sum((y[i] * constraints.problem.along(i, y) for i in rows), Fraction(0)), y, chosen
+            return total({i: constraints.problem.along(i, y) for i in rows}, y), y, chosen
     raise AssertionError("a strictly convex problem should have an answer; found no set of rows")
 
 
 def _softened(constraints: Polyhedron, rows: Sequence[int], weight: Fraction) -> Weights:
     """y with (K + λW⁻¹)y = b on the rows."""
+    return _solve_softened(constraints, rows, weight, [constraints.b[i] for i in rows])
+
+
+def _solve_softened(constraints: Polyhedron, rows: Sequence[int], weight: Fraction, right: list[Fraction]) -> Weights:
+    """y with (K + λW⁻¹)y = right, which is definite."""
     K = constraints.problem.matrix(rows, rows)
     for k, i in enumerate(rows):
         K[k][k] += weight * constraints.problem.gram[i, i]
-    y = solve(K, [constraints.b[i] for i in rows])
+    y = solve(K, right)
     assert y is not None
     return dict(zip(rows, y, strict=True))
 
@@ -108,16 +105,11 @@ def _newton(constraints: Polyhedron, y: Weights, weight: Fraction, square: Fract
     for _ in range(12):
         y = _softened(constraints, rows, weight)
         pulled = {i: problem.along(i, y) for i in rows}
-        K = problem.matrix(rows, rows)
-        for k, i in enumerate(rows):
-            K[k][k] += weight * problem.gram[i, i]
-        change = solve(K, [problem.gram[i, i] * y[i] for i in rows])
-        if change is None:
-            return None
-        slope = -2 * sum((pulled[i] * change[k] for k, i in enumerate(rows)), Fraction(0))
+        change = _solve_softened(constraints, rows, weight, [problem.gram[i, i] * y[i] for i in rows])
+        slope = -2 * total(pulled, change)
         if slope == 0:
             return None
-        step = (sum((y[i] * pulled[i] for i in rows), Fraction(0)) - square) / slope
+        step = (total(pulled, y) - square) / slope
         if weight - step <= 0:
             return None
         weight = _shortened(weight - step)
