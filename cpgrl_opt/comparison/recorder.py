@@ -2,16 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..arrays import Float
 from ..direction import DirectionBatch
 from ..problem import ProblemBatch
 from ..validation import require_count
 from .recording import Recording, empty_recording
 
 STRETCH = 20  # updates that follow each other: enough to see what a warm start is worth
+_ARRAYS = ("gradient", "jacobian", "bound", "equality")  # of a problem
 _PER_UPDATE = 2  # problems, tangent and restoration; more only where constraints are dropped
 
 
@@ -69,7 +70,8 @@ class Recorder:
         self.training, self.selection = training, selection
         self.episode = 1
         self._positions = {run: position for position, run in enumerate(runs)}
-        self._kept: dict[int, list[_Kept]] = {k: [] for k, own in enumerate(chosen) if own.run in self._positions}
+        self._kept: list[dict[str, Any]] = []  # a row of the recording each
+        self._room = {k: own.room for k, own in enumerate(chosen) if own.run in self._positions}
         self._chosen = chosen
         self._update: _Update | None = None
         self._shape = (0, 1)
@@ -79,7 +81,7 @@ class Recorder:
         if problems.metric is not None:
             raise ValueError("problems to record should have no metric; found one that has")
         self._shape = problems.jacobian.shape[1:]
-        is_open = [k for k in self._kept if self._chosen[k].first <= self.episode <= self._chosen[k].last]
+        is_open = [k for k in self._room if self._chosen[k].first <= self.episode <= self._chosen[k].last]
         if not is_open:
             return
         if self._update is None:
@@ -87,11 +89,12 @@ class Recorder:
         wanted = {self._positions[self._chosen[k].run]: k for k in is_open}
         for row, position, part in self._update.news(problems, list(wanted)):
             k = wanted[position]
-            if (problems.bound[row] > -np.inf).any() and len(self._kept[k]) < self._chosen[k].room:
-                arrays = (problems.gradient, problems.jacobian, problems.bound, problems.equality)
-                gradient, jacobian, bound, equality = (array[row].copy() for array in arrays)
-                radius = np.inf if problems.radius is None else float(problems.radius[row])
-                self._kept[k].append(_Kept(gradient, jacobian, bound, equality, radius, self.episode, part))
+            if (problems.bound[row] > -np.inf).any() and self._room[k]:
+                self._room[k] -= 1
+                where = {"run": self._chosen[k].run, "episode": self.episode, "part": part, "stretch": k}
+                radius = np.inf if problems.radius is None else problems.radius[row]
+                arrays = {name: getattr(problems, name)[row].copy() for name in _ARRAYS}
+                self._kept.append(where | arrays | {"radius": np.float64(radius)})
 
     def next_episode(self) -> None:
         """The update is done."""
@@ -100,35 +103,12 @@ class Recorder:
 
     def recording(self) -> Recording:
         """What was kept so far."""
-        kept = [(self._chosen[k].run, k, each) for k, own in self._kept.items() for each in own]
-        if not kept:
+        if not self._kept:
             return empty_recording([self.training], self.selection, *self._shape)
-        kept.sort(key=lambda entry: (entry[0], entry[2].episode, entry[2].part))
-        return Recording(
-            gradient=np.stack([each.gradient for *_, each in kept]),
-            jacobian=np.stack([each.jacobian for *_, each in kept]),
-            bound=np.stack([each.bound for *_, each in kept]),
-            equality=np.stack([each.equality for *_, each in kept]),
-            radius=np.array([each.radius for *_, each in kept]),
-            training=np.zeros(len(kept), np.int64),
-            run=np.array([run for run, *_ in kept], np.int64),
-            episode=np.array([each.episode for *_, each in kept], np.int64),
-            part=np.array([each.part for *_, each in kept], np.int64),
-            stretch=np.array([k for _, k, _ in kept], np.int64),
-            trainings=(self.training,),
-            selection=self.selection,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    gradient: Float[np.ndarray, "n"]
-    jacobian: Float[np.ndarray, "m n"]
-    bound: Float[np.ndarray, "m"]
-    equality: np.ndarray
-    radius: float
-    episode: int
-    part: int
+        rows = sorted(self._kept, key=lambda row: (row["run"], row["episode"], row["part"]))
+        arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+        zeros = np.zeros(len(rows), np.int64)
+        return Recording(**arrays, training=zeros, trainings=(self.training,), selection=self.selection)
 
 
 class _Update:
@@ -166,8 +146,8 @@ class _Update:
         fresh = []
         for row, position, part in rows:
             if position in positions:
-                arrays = (problems.gradient, problems.jacobian, problems.bound, problems.equality)
-                key = b"%d %d " % (position, has_ball) + b"".join(array[row].tobytes() for array in arrays)
+                arrays = b"".join(getattr(problems, name)[row].tobytes() for name in _ARRAYS)
+                key = b"%d %d " % (position, has_ball) + arrays
                 if key not in self.met:
                     self.met.add(key)
                     fresh.append((row, position, part))
