@@ -54,26 +54,23 @@ class Order:
 class Started:
     """The problem is drawn and the default solver timed; now comes the contestant. default_seconds: CPU."""
 
+    order: Order
     n: int
     m: int
     default_seconds: float
 
-
-def count_as_limit(order: Order, started: Started, judgement: Judgement, *, noise: bool = False) -> Measurement:
-    """The measurement of a contestant that gave no answer: it counts as the limit."""
-    return make_measurement(order, started, judgement, seconds=order.limit, noise=noise)
-
-
-def make_measurement(
-    order: Order, started: Started, judgement: Judgement, *, seconds: float, noise: bool, ratio: float | None = None
-) -> Measurement:
-    """A measurement of an order; ratio: measured in turns, or else by the default's time before."""
-    return Measurement(
-        solver=order.solver, variant=order.variant, family=order.family, problem=order.problem,
-        n=started.n, m=started.m, status=judgement.status, outcome=judgement.outcome, worst=judgement.worst,
-        distance=judgement.distance, seconds=seconds, limit=order.limit, noise=noise,
-        ratio=seconds / started.default_seconds if ratio is None else ratio,
-    )  # fmt: skip
+    def measurement(
+        self, judgement: Judgement, *, seconds: float | None = None, ratio: float | None = None, noise: bool = False
+    ) -> Measurement:
+        """The row: at the limit without `seconds`; without `ratio`, by the default's time before."""
+        order = self.order
+        seconds = order.limit if seconds is None else seconds
+        return Measurement(
+            solver=order.solver, variant=order.variant, family=order.family, problem=order.problem,
+            n=self.n, m=self.m, status=judgement.status, outcome=judgement.outcome, worst=judgement.worst,
+            distance=judgement.distance, seconds=seconds, limit=order.limit, noise=noise,
+            ratio=seconds / self.default_seconds if ratio is None else ratio,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,18 +113,18 @@ class Bench:
         problem = self.at.problem
         self.default(problem)
         seconds = min(seconds_of(self.default, problem) for _ in range(3))
-        self.started = Started(problem.n, problem.m, seconds)
+        self.started = Started(order, problem.n, problem.m, seconds)
         return self.started
 
-    def measure(self, order: Order) -> Measurement:
-        """What the contestant does with the problem that `prepare` has drawn for the same order."""
-        candidate, problem, started = self.candidate, self.at.problem, self.started
+    def measure(self) -> Measurement:
+        """What the contestant does with the problem that `prepare` has drawn."""
+        candidate, problem, started, order = self.candidate, self.at.problem, self.started, self.started.order
         try:
             is_taken = candidate.supports(problem)
         except Exception:  # whatever a third party raises is its outcome
-            return count_as_limit(order, started, CRASHED)
+            return started.measurement(CRASHED)
         if not is_taken:
-            return make_measurement(order, started, UNSUPPORTED, seconds=0.0, ratio=0.0, noise=False)
+            return started.measurement(UNSUPPORTED, seconds=0.0, ratio=0.0)
         silent = output_size()
         own = problem.copied()  # what it does to its arrays, flags or no flags, the judge and the others do not see
         direction, first = ask_contestant(candidate.solve, own)
@@ -138,13 +135,13 @@ class Bench:
         if first > order.limit:  # came back before its caller looked
             judgement = HUNG
         if direction is None or judgement is HUNG:
-            return count_as_limit(order, started, judgement, noise=output_size() != silent)
+            return started.measurement(judgement, noise=output_size() != silent)
         try:
             seconds, ratio = time_in_turns(candidate.solve, self.default, own, first=first, repeats=order.repeats)
         except Exception:  # at a later call, or of the default: what it made of the arrays is no problem any more
-            return count_as_limit(order, started, CRASHED, noise=output_size() != silent)
+            return started.measurement(CRASHED, noise=output_size() != silent)
         noise = output_size() != silent
-        return make_measurement(order, started, judgement, seconds=seconds, ratio=ratio, noise=noise)
+        return started.measurement(judgement, seconds=seconds, ratio=ratio, noise=noise)
 
 
 def isolated_bench() -> Isolated:
@@ -159,7 +156,7 @@ def measurement_of(order: Order, bench: Isolated) -> Measurement:
     is called.
     """
     try:
-        started = bench.apply(".prepare", order, time_limit=_START_LIMIT)
+        started: Started = bench.apply(".prepare", order, time_limit=_START_LIMIT)
     except IsolationError as lost:
         raise RuntimeError(
             f"a worker should start on {order.family} for {order.solver}; found {lost} before {order.solver} was called"
@@ -170,11 +167,11 @@ def measurement_of(order: Order, bench: Isolated) -> Measurement:
         raise ValueError("\n".join(getattr(error, "__notes__", ()))) from error
     wall = _WALL_FACTOR * order.limit + _WALL_ALLOWANCE
     try:
-        found: Measurement = bench.apply(".measure", order, time_limit=wall, cpu_limit=order.limit + _TIMING)
+        found: Measurement = bench.apply(".measure", time_limit=wall, cpu_limit=order.limit + _TIMING)
     except HangError:
-        return count_as_limit(order, started, HUNG)
+        return started.measurement(HUNG)
     except IsolationError:  # whatever else is raised is a fault of ours
-        return count_as_limit(order, started, CRASHED)
+        return started.measurement(CRASHED)
     return found
 
 

@@ -98,10 +98,11 @@ def test_every_misconduct_gets_its_name_and_costs_one_problem(misconduct: Path) 
 def test_a_fault_of_our_own_is_no_crash_of_a_solver() -> None:
     class Faulty:
         def apply(self, method: str, *_: object, **__: object) -> Started:
-            return Started(9, 3, 1e-5) if method == ".prepare" else {}[method]
+            return Started(order, 9, 3, 1e-5) if method == ".prepare" else {}[method]
 
+    order = Order("nnls", "prepared", "zero-rows", 0, 0, 1.0, 1)
     with pytest.raises(KeyError):
-        measurement_of(Order("nnls", "prepared", "zero-rows", 0, 0, 1.0, 1), Faulty())  # type: ignore[arg-type]
+        measurement_of(order, Faulty())  # type: ignore[arg-type]
 
 
 def test_an_interrupted_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
