@@ -26,7 +26,7 @@ _LEAST_PIVOT = 1e-3
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def answer(settings: Settings, leaves: list[Any], slack: Any) -> Answer:
+def _answer(settings: Settings, leaves: list[Any], slack: Any) -> Answer:
     """d of a step, in units of step_size, each leaf (1 + m, k) with g first; its status and residuals as floats."""
     if settings.path == "host":
         return solve_on_host(settings.step, leaves, slack)
@@ -34,13 +34,13 @@ def answer(settings: Settings, leaves: list[Any], slack: Any) -> Answer:
     return solve(leaves, settings.bound(slack), tolerance=settings.tolerance, gives_met=gives_met)
 
 
-@answer.defjvp
+@_answer.defjvp
 def _differentiate(settings: Settings, given: Any, moves: Any) -> tuple[Answer, Answer]:
     if not settings.is_one_problem:
         found = settings.step.formulation
         raise ValueError(f"formulation of step should be restoring or linearized to be differentiated; found {found!r}")
     (leaves, slack), (leaf_moves, slack_moves) = given, moves
-    found = answer(settings, leaves, slack)
+    found = _answer(settings, leaves, slack)
     _, _, rows, _ = read_channels(leaves)
     wide = rows.norms.dtype
     active = (found.multipliers > 0.0) & (found.status == Status.OPTIMAL)
@@ -60,3 +60,6 @@ def _differentiate(settings: Settings, given: Any, moves: Any) -> tuple[Answer, 
     d = [move.astype(leaf.dtype) for move, leaf in zip(add(u, rows.combine(force)), found.d, strict=True)]
     still = jnp.zeros_like(found.residuals), jnp.zeros_like(found.status)
     return found, Answer(d, rows.original(force, 0).astype(found.multipliers.dtype), *still)
+
+
+answer = jax.jit(_answer, static_argnums=0)  # else each eager call would compile its loops anew

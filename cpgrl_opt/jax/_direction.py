@@ -1,7 +1,7 @@
 """`constrained_direction`: what stands in the place of the loss's gradient."""
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,48 +10,33 @@ from ..direction import Status
 from ..step import ConstrainedStep
 from ..validation import require_member
 from ._derivative import answer
+from ._info import StepInfo, describe, gain_of, slack_of, stop
 from ._settings import KINDS, Settings, read_step
 from ._trees import read_gradients, real_vector
 
 
-class ConstrainedDirection(NamedTuple):
-    """What descends the loss under the constraints, and its proof; a pytree of arrays.
-
-    gradient: in the place of the loss's: θ − α₁ gradient is the step, α₁ its step_size. 0 where nothing is certified.
-    multipliers μ: (m,) ≥ 0, gradient = ∇loss + Σ μᵢ∇costᵢ, with rewards −∇rewardᵢ in the place of ∇costᵢ; of
-        INFEASIBLE a proof that nothing meets the constraints.
-    active: (m,) the constraints that the step looked at; with `linearized` those with μ > 0.
-    slack: (m,) threshold − cost, or reward − threshold; ≥ 0 is feasible. predicted_slack: after the step, to first
-        order.
-    residuals: (4,) of the certificate, in the order of `KKTResiduals`; infinite where there is none.
-    status: an integer, a `Status`.
-    """
-
-    gradient: Any
-    multipliers: Any
-    active: Any
-    slack: Any
-    predicted_slack: Any
-    residuals: Any
-    status: Any
-
-
 def constrained_direction(
     values: Any, gradients: Any, thresholds: Any, step: ConstrainedStep, *, kind: str = "cost", path: str = "device"
-) -> ConstrainedDirection:
+) -> tuple[Any, StepInfo]:
     """What descends the loss under the constraints; eager or under `jit`, `vmap`, `scan`, `grad`.
 
         values, gradients = f(θ), jax.jacrev(f)(θ)            f: θ → (1 + m,), the loss and the m costs
+        gradient, info = constrained_direction(values, gradients, thresholds, step)
 
     Parameters
     ----------
-    values : (1 + m,) the loss, which is not looked at, and the constraints.
+    values : (1 + m,) the loss, of which nothing is asked but to be finite, and the constraints.
     gradients : a tree of parameters with the 1 + m channels as first axis of every leaf, or a list of 1 + m trees.
     thresholds : (m,) upper limits of costs, lower limits of rewards.
-    step : how constraints are met; step.step_size is the rate at which the step is exact.
+    step : how constraints are met. step.step_size α₁ is the rate at which it is exact: θ − α₁ gradient.
     kind : "cost", whose values should be ≤ thresholds, or "reward", ≥. Channel 0 is a loss with either.
     path : "device", for `restoring` and `linearized`; or "host", by the step itself, which is called back, under `vmap`
         once for the whole batch.
+
+    Returns
+    -------
+    gradient : in the place of the loss's, a tree of parameters; −change/α₁. 0 where nothing is certified.
+    info : multipliers, active set, slack, predicted slack, residuals, status.
 
     Raises
     ------
@@ -66,30 +51,19 @@ def constrained_direction(
         raise ValueError("values should have at least the loss; found none")
     limits = real_vector("thresholds", thresholds, len(values) - 1)
     read_gradients(gradients, len(values))
-    found = _direct(settings, kind == "cost", values, gradients, limits)
-    if not isinstance(found.status, jax.core.Tracer) and int(found.status) == Status.NUMERICAL_ERROR:
-        raise ValueError(
-            "values, gradients and thresholds should be finite, and the direction; found NaN or infinities"
-        )
-    return found
+    gradient, info = _solve(settings, kind, values, gradients, limits)
+    if not isinstance(info.status, jax.core.Tracer) and int(info.status) == Status.NUMERICAL_ERROR:
+        raise ValueError("values, gradients, thresholds and the direction should be finite; found NaN or infinities")
+    return gradient, info
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _direct(settings: Settings, is_cost: bool, values: Any, gradients: Any, limits: Any) -> ConstrainedDirection:
+def _solve(settings: Settings, kind: str, values: Any, gradients: Any, limits: Any) -> tuple[Any, StepInfo]:
     leaves, rebuild = read_gradients(gradients, len(values))
-    sign = -1.0 if is_cost else 1.0
-    slack = sign * (values[1:] - limits)
-    signs = jnp.where(jnp.arange(len(values)) == 0, -1.0, sign)[:, None]
+    signs = jnp.where(jnp.arange(len(values)) == 0, -1, 1 if kind == "reward" else -1)[:, None]
     ascent = [leaf * signs.astype(leaf.dtype) for leaf in leaves]
-    found = answer(settings, ascent, slack)
-    status = jnp.where(jnp.isfinite(values[0]), found.status, Status.NUMERICAL_ERROR).astype(jnp.int32)
-    d = [jnp.where(status <= Status.INFEASIBLE, leaf, 0) for leaf in found.d]
-    active = found.multipliers > 0.0 if settings.kept is not None else slack <= 0.0
-    wide = slack.dtype
-    moved = sum(
-        jnp.matmul(leaf[1:].astype(wide), part.astype(wide), precision=jax.lax.Precision.HIGHEST)
-        for leaf, part in zip(ascent, d, strict=True)
-    )
-    predicted = slack + float(settings.step.step_size) * moved  # type: ignore[arg-type]
-    gradient = rebuild([-leaf for leaf in d])
-    return ConstrainedDirection(gradient, found.multipliers, active, slack, predicted, found.residuals, status)
+    slack = slack_of(values[1:], limits, kind)
+    found = stop(answer(settings, ascent, slack), jnp.isfinite(values).all())
+    gain = gain_of([leaf[1:] for leaf in ascent], found.d)
+    info = describe(settings, found, slack, float(settings.step.step_size) * gain)  # type: ignore[arg-type]
+    return rebuild([-leaf for leaf in found.d]), info
