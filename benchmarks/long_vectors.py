@@ -14,9 +14,6 @@ Accuracy beside time: the worst KKT residual; of a step how far J Δθ is from �
 
     slope in n    log(t₂/t₁) / log(n₂/n₁) of a direction, from the least n to the largest; 1: time grows as n does
     slope in m    log(t₂/t₁) / log(m₂/m₁), from the least m to the largest at n = 10⁶; 2: as the Gramian does
-    untouched     share of a direction's time at n = 10⁶ that is left where the passes over the vectors give again
-                  what they gave before, without a look at them; in turns with whole directions, which leave the
-                  processor's caches as one direction of a training leaves them to the next
 
     OMP_NUM_THREADS=1 python benchmarks/long_vectors.py [--parameters 100000,1000000,10000000]
         [--constraints 1,5,31,50] [--out benchmarks/results]
@@ -32,23 +29,19 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from types import SimpleNamespace
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from long_problems import Answer, Data, direction, draw, judge, oppose, repeats_of, time_beside
 from tables import machine, publish, read_arguments, table, verdict
 
 from cpgrl_opt import ConstrainedStep, Linearization, kkt_residuals
-from cpgrl_opt.vectors import _numpy as array_vectors
 
 DIRECTION, FORMS = "direction", ("(n, m) storage", "rows apart")
 STEPS, RESIDUALS, OPPOSING = ("equality", "restoring"), "residuals", "near opposing"
 WORKS = (DIRECTION, *FORMS, *STEPS, RESIDUALS, OPPOSING)
 BARS = {DIRECTION: 0.8, **dict.fromkeys((*FORMS, *STEPS), 1.0)}  # of the floor, at n = 10⁶ and m = 5
 REFERENCE = 1_000_000
-FLOAT64 = np.dtype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -115,42 +108,12 @@ def measure(n: int, m: int, scale: float) -> list[Row]:
     return rows
 
 
-def recall(compiled: Any) -> Any:
-    """The compiled pass of float64, which gives again what it gave first and leaves d as it finds it."""
-    known: list[np.ndarray] = []
-
-    def again(*arguments: Any) -> None:
-        if not known:
-            compiled.machine_code(*arguments)
-            known.append(arguments[-1].copy())
-        arguments[-1][:] = known[0]
-
-    return SimpleNamespace(machine_code=again)
-
-
-def untouched_share(n: int, m: int, scale: float) -> float:
-    """Of a direction's time."""
-    data, passes = draw(n, m), array_vectors._blocks()
-    names = ("gramian", "gramian_in_pairs", "combine")
-    known = {name: {FLOAT64: recall(getattr(passes, name)[FLOAT64])} for name in names}
-    again, used = SimpleNamespace(locate=passes.locate, **known), [passes]
-
-    def run_with(module: Any) -> Any:
-        used[0] = module
-        return direction(data.g, data.J, data.bound)
-
-    with patch.object(array_vectors, "_blocks", lambda: used[0]):  # once: to patch takes a fifth of what is measured
-        runs = partial(run_with, passes), partial(run_with, again)
-        whole, rest, *_ = time_beside(*runs, repeats_of(n, m, scale))
-    return rest / whole
-
-
 def slope(first: tuple[float, float], last: tuple[float, float]) -> float:
     """log(t₂/t₁) / log(x₂/x₁) of two (x, t)."""
     return math.log(last[1] / first[1]) / math.log(last[0] / first[0]) if last[0] > first[0] else math.nan
 
 
-def verdicts(rows: Sequence[Row], shares: dict[int, float]) -> Iterator[tuple[str, str, float, str]]:
+def verdicts(rows: Sequence[Row]) -> Iterator[tuple[str, str, float, str]]:
     """(what, bar, measured, whether it is kept)."""
     for row in rows:
         if row.n == REFERENCE and row.m == 5 and row.work in BARS:
@@ -166,8 +129,6 @@ def verdicts(rows: Sequence[Row], shares: dict[int, float]) -> Iterator[tuple[st
     if points and not math.isnan(rate := slope(points[0], points[-1])):
         ends = f"{points[0][0]:g} to {points[-1][0]:g}"
         yield f"slope in m, {ends}, n = {REFERENCE:.0e}", "≤ 2", rate, verdict(rate, 2)
-    for m, share in shares.items():
-        yield f"untouched, n = {REFERENCE:.0e}, m = {m}", "≤ 0.05", share, verdict(share, 0.05)
 
 
 def ratios(rows: Sequence[Row]) -> str:
@@ -193,13 +154,12 @@ def main() -> None:
         print("OMP_NUM_THREADS should be 1 before Python starts: BLAS may use several threads", file=sys.stderr)
     sizes = [(n, m) for n in arguments.parameters for m in arguments.constraints if n * (1 + m) <= arguments.most]
     rows = [row for n, m in sizes for row in measure(n, m, arguments.scale)]
-    shares = {m: untouched_share(n, m, arguments.scale) for n, m in sizes if n == REFERENCE}
     about = (
         f"CPU time over that of `A @ A.T`, `w @ A` and `J @ d`, in turns with these; medians; OMP_NUM_THREADS is "
         f"{threads}. Rungs: of the direction; of rows near opposing. "
         f"Failures: {sum(row.failed for row in rows)} of {len(rows)}."
     )
-    bars = table("| | bar | measured | |", "| {0[0]} | {0[1]} | {0[2]:.3g} | {0[3]} |", verdicts(rows, shares))
+    bars = table("| | bar | measured | |", "| {0[0]} | {0[1]} | {0[2]:.3g} | {0[3]} |", verdicts(rows))
     publish(arguments, "Directions at the size of a network", [about, ratios(rows), bars, f"{machine()}."], rows)
 
 

@@ -1,21 +1,24 @@
 """README and docs/ tell the truth: examples run, links lead somewhere, tables and numbers are those of the code."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
+from cpgrl_opt import FORMULATIONS, SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.exact import exact_answer
-from cpgrl_opt.testing import LAWS
+from cpgrl_opt.testing import LAWS, FunctionSolver
 from cpgrl_opt.testing.examination import first_break
 from cpgrl_opt.testing.laws_page import to_markdown
 from rl.experiments.solver_cases import cases
 
-DOCS = Path(__file__).parents[1] / "docs"
-PATHS = {path.name: path for path in (*sorted(DOCS.glob("*.md")), DOCS.parent / "README.md")}
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PATHS = {path.name: path for path in (*sorted(DOCS.glob("*.md")), ROOT / "README.md")}
 PAGES = {name: path.read_text(encoding="utf-8") for name, path in PATHS.items()}
 EXAMPLES = [
     (name, number, example)
@@ -23,6 +26,8 @@ EXAMPLES = [
     if name != "kinds.md"  # which a file of tests of its own looks at
     for number, example in enumerate(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL))
 ]
+README = PAGES["README.md"]
+IN_README = [example for name, _, example in EXAMPLES if name == "README.md"]
 LINKS = [(name, link) for name, page in PAGES.items() for link in re.findall(r"\]\(([^):]+)\)", page)]
 
 
@@ -61,10 +66,6 @@ def test_the_laws_are_those_of_the_kit():
 
 def test_linearized_is_cpos_problem_and_restoring_is_not():
     """A constraint that is met with slack 0.05 holds CPO back, and `linearized`; not `restoring`."""
-    assert (
-        "With κ = α₁ = αₑ = 1 and a radius it is the problem of constrained policy optimization"
-        in (PAGES["formulations.md"])
-    )
     gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
     cpo = SOLVERS["active-set"].solve(DirectionProblem(gradient, row, -slack, radius=1.0))
     for formulation, is_cpo in (("linearized", True), ("restoring", False)):
@@ -117,3 +118,86 @@ def test_the_comparison_writes_the_files_that_are_named(tmp_path, start_cpgrl):
     out, _ = command.communicate()
     assert command.returncode == 0, out
     assert all((tmp_path / name).stat().st_size > 0 for name in named)
+
+
+def table(text, columns):
+    """Headings and rows of the table whose headings begin with these."""
+    (found,) = [part for part in text.split("\n\n") if part.startswith("| " + " | ".join(columns))]
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in found.splitlines()]
+    return lines[0], lines[2:]
+
+
+def test_the_formulations_are_those_of_the_code():
+    _, rows = table(PAGES["formulations.md"], ["name"])
+    assert [row[0].strip("`") for row in rows] == list(FORMULATIONS)
+
+
+def test_the_numbers_are_those_that_the_benchmark_wrote():
+    measured = ROOT / "benchmarks/results/violations_on_the_way.md"
+    _, shown = table(PAGES["formulations.md"], ["task", "formulation"])
+    titles, rows = table(measured.read_text(encoding="utf-8"), ["task", "method"])
+    chosen = [titles.index(name) for name in ("task", "method", "by > 1 %, %", "largest, %", "return")]
+    assert shown == [[row[k] for k in chosen] for row in rows]
+
+
+def test_the_readme_is_short():
+    assert len(README.split()) <= 700
+    assert len(IN_README) == 3
+    assert max(len(example.splitlines()) for example in IN_README) <= 16
+
+
+@pytest.mark.parametrize(
+    ("marker", "program"), [("reproduce command", "cpgrl reproduce three-state"), ("test command", "pytest")]
+)
+def test_each_command_makes_its_own_environment_with_pip_alone(marker, program):
+    command = re.search(rf"<!-- {marker} -->\n```sh\n(.*)\n```", README)
+    assert command, f"README.md should hold one line behind <!-- {marker} -->"
+    venv = re.match(r"python3 -m venv (\S+) && \1/bin/pip install ", command[1])
+    assert venv, f"the command should make its own environment; found {command[1]!r}"
+    assert f"{venv[1]}/bin/{program.split()[0]}" in command[1]
+    assert program in command[1]
+
+
+def test_every_test_file_that_ci_lists_exists():
+    listed = re.findall(r"tests/\S+\.py", (ROOT / ".ci/run").read_text(encoding="utf-8"))
+    assert len(listed) > 10
+    assert [name for name in listed if not (ROOT / name).exists()] == []
+
+
+def test_the_readme_counts_the_laws():
+    assert f"through {len(LAWS)} laws" in README
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A folder with the README's mine.py in it, which is where its command is typed."""
+    source = IN_README[-1]
+    assert "`mine.py`:\n\n```python\n" + source in README
+    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_function_of_the_readme_is_wrong_as_it_says(mine):
+    """One law, for the whole of it is slow."""
+    scope = {}
+    exec(compile((mine / "mine.py").read_text(encoding="utf-8"), "mine.py", "exec"), scope)
+    law = LAWS["check_gradient_kept_when_feasible"]
+    assert first_break(law, FunctionSolver(scope["tangent"]), max_examples=20).broken == 1
+
+
+@pytest.mark.slow
+def test_it_breaks_half_of_the_laws_with_a_counterexample_that_fails_when_pasted(mine, start_cpgrl):
+    (arguments,) = re.findall(r"\.venv/bin/cpgrl (check .*)$", README, flags=re.MULTILINE)
+    command = start_cpgrl(*arguments.split())
+    out, _ = command.communicate()
+    assert command.returncode == 1, out
+    failed, laws = out.count("  FAILED\n"), int(re.search(r"of (\d+) laws", out)[1])
+    assert 0.35 <= failed / laws <= 0.65
+    (code,) = re.findall(r"as a test:\n\n(.*?^    \)\n)", out, flags=re.DOTALL | re.MULTILINE)
+    (mine / "test_pasted.py").write_text(code, encoding="utf-8")
+    pytest_here = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_pasted.py"]
+    run = subprocess.run(pytest_here, capture_output=True, text=True, check=False)
+    assert run.returncode == pytest.ExitCode.TESTS_FAILED, run.stdout
+    assert "LawBroken" in run.stdout
+    assert "1 failed" in run.stdout
