@@ -117,12 +117,12 @@ class _Digest:
         elif isinstance(value, ModuleType):
             self.put("module", value.__name__)
             self._sources(value.__name__)
+        elif (parts := _parts_of_wrapper(value)) is not None:
+            self._each(type(value).__name__, parts, where)
         elif isinstance(value, FunctionType):
             self._function(value, where)
         elif isinstance(value, type):
             self._class(value, where)
-        elif (parts := _parts_of_wrapper(value)) is not None:
-            self._each(type(value).__name__, parts, where)
         elif hasattr(type(value), "__dlpack__") and not isinstance(value, np.ndarray):
             self._foreign_array(value, where)
         else:
@@ -253,13 +253,15 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _parts_of_wrapper(value: Any) -> tuple[Any, ...] | None:
-    """The function within what pickling would name only, or number anew."""
+    """The functions within what pickling would name only, or number anew, or what remembers its calls."""
     if isinstance(value, (staticmethod, classmethod)):
         return (value.__func__,)
     if isinstance(value, property):
         return value.fget, value.fset, value.fdel
     if isinstance(value, functools.cached_property):
         return (value.func,)
+    if isinstance(value, FunctionType) and isinstance(getattr(value, "registry", None), MappingProxyType):
+        return (value.registry,)  # type: ignore[attr-defined] # of functools.singledispatch
     if isinstance(value, functools._lru_cache_wrapper):
         return value.__wrapped__, value.cache_parameters()
     if type(value).__module__.startswith("numba.") and hasattr(value, "py_func"):

@@ -67,6 +67,16 @@ def remembered(x):
     return RATE * x
 
 
+def dispatching(rate):
+    @functools.singledispatch
+    def scale(x):
+        return x
+
+    scale.register(int, lambda x: x * rate)
+    scale(2)  # is remembered
+    return scale
+
+
 @numba.njit
 def compiled(x):
     return 2.0 * x
@@ -141,6 +151,7 @@ def pairs():
         "within a lambda": (lambda: lambda: RATE, lambda: lambda: FACTORS),
         "attribute of a module": (lambda: math.sin, lambda: math.cos),
         "cached": (remembered, functools.cache(lambda x: x)),
+        "dispatching": (dispatching(1), dispatching(2)),
         "compiled": (compiled, numba.njit(lambda x: 3.0 * x)),
         "static": (Rule.again, OtherRule.scale),
         "solver": (ConstrainedStep(solver="rosen"), ConstrainedStep(solver="osqp")),
