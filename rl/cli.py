@@ -214,17 +214,12 @@ def sweep(
     from .sweeps.engines import MissingEngineError
 
     with _clean_errors(ValueError, MissingEngineError):
-        try:
+        kept = f"{out} keeps the trainings that ended; the same command goes on from there."
+        with _tell_when_interrupted(lambda: kept):
             found, files = run_sweep(
                 target, over or [], out, seeds=parse_seeds(seeds), every=every, engine=engine, jobs=_processes(jobs),
                 anew=anew,
             )  # fmt: skip
-        except (KeyboardInterrupt, SystemExit) as end:
-            code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
-            if code not in (INTERRUPTED, *TERMINATED):
-                raise
-            say(f"Interrupted. {out} keeps the trainings that ended; the same command goes on from there.", err=True)
-            raise typer.Exit(int(code)) from None
     say(f"Trained {found.trained}, of which {len(found.failed)} ended with an error.")
     say(f"Wrote {', '.join(files)} into {out}")
     for row in found.failed[:3]:
@@ -346,25 +341,28 @@ def _place(out: Path, files: Sequence[str], key: Mapping[str, Any], *, anew: boo
 
 @contextmanager
 def _telling_what_is_kept(bars: "ProgressBars", recorded: Mapping[str, int], place: Path, out: Path) -> Iterator[None]:
-    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line.
-
-    After Ctrl-C, SIGTERM and SIGHUP the command exits with 128 + the signal's number.
-    """
-    with _clean_errors():
+    """Whatever ends a training early, what the disk holds is said; of what is no bug of ours, one line."""
+    with _clean_errors(), _tell_when_interrupted(lambda: _kept(recorded, place, out)):
         try:
             yield
-        except (KeyboardInterrupt, SystemExit) as end:
-            code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
-            if code not in (INTERRUPTED, *TERMINATED):
-                raise
+        except BaseException as error:
             bars.stop()
-            say(f"Interrupted. {_kept(recorded, place, out)}", err=True)
-            raise typer.Exit(int(code)) from None
-        except Exception:
-            bars.stop()
-            if recorded:
+            if recorded and isinstance(error, Exception):
                 say(_kept(recorded, place, out), err=True)
             raise
+
+
+@contextmanager
+def _tell_when_interrupted(kept: Callable[[], str]) -> Iterator[None]:
+    """After Ctrl-C, SIGTERM and SIGHUP one line, and an exit with 128 + the signal's number."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit) as end:
+        code = INTERRUPTED if isinstance(end, KeyboardInterrupt) else end.code
+        if code not in (INTERRUPTED, *TERMINATED):
+            raise
+        say(f"Interrupted. {kept()}", err=True)
+        raise typer.Exit(int(code)) from None
 
 
 def _kept(recorded: Mapping[str, int], place: Path, out: Path) -> str:

@@ -28,7 +28,8 @@ def cpgrl(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def test_an_experiments_trainings_and_settings_are_swept(tmp_path):
+def test_an_experiments_trainings_and_settings_are_swept(tmp_path, monkeypatch):
+    monkeypatch.setattr("rl.sweeps.command.draw_curves", lambda *_: None)
     names = ["--over", "training=cpgrl,sum", "--over", "thresholds=[0,0,0],[-0.1,0,0]"]
     found = cpgrl("sweep", "three-state", *SHORT, *names, "--seeds", "3,5", "--out", tmp_path)
     assert found.exit_code == 0, found.output
