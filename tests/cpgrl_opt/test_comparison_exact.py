@@ -8,33 +8,38 @@ from hypothesis import strategies as st
 from cpgrl_opt import SOLVERS, DirectionProblem, Status
 from cpgrl_opt.exact import exact_answer, is_small_enough
 
+HALF_PLANE, OPPOSING, DIAGONAL = [[0.0, 1.0]], [[0.0, 1.0], [1.0, 1.0]], [[1.0, 0.0], [1.0, 1.0]]
+# g, J, settings → d*, μ.
+BY_HAND = {
+    # (3, −4) onto y ≥ 0: the second coordinate goes.
+    "a half plane": ([3.0, -4.0], HALF_PLANE, {}, [3.0, 0.0], [4.0]),
+    "a bound that g meets": ([3.0, 4.0], HALF_PLANE, {"bound": [4.0]}, [3.0, 4.0], [0.0]),
+    # x ≥ 1, x + y ≥ 3 from (0, 0): (1.5, 1.5) on the diagonal, and x ≥ 1 is slack; with x ≥ 2, the corner (2, 1).
+    "a diagonal": ([0.0, 0.0], DIAGONAL, {"bound": [1.0, 3.0]}, [1.5, 1.5], [0.0, 1.5]),
+    "a corner": ([0.0, 0.0], DIAGONAL, {"bound": [2.0, 3.0]}, [2.0, 1.0], [1.0, 1.0]),
+    # x + y = 0 from (2, 0): (1, −1), and μ = −1, which an inequality would not allow.
+    "an equality": ([2.0, 0.0], [[1.0, 1.0]], {"equality": True}, [1.0, -1.0], [-1.0]),
+    "an inequality": ([2.0, 0.0], [[1.0, 1.0]], {}, [2.0, 0.0], [0.0]),
+    "rows off": ([3.0, -4.0], OPPOSING, {"bound": [-np.inf, -np.inf]}, [3.0, -4.0], [0.0, 0.0]),
+    "no rows": ([3.0, -4.0], np.zeros((0, 2)), {}, [3.0, -4.0], []),
+    # M = diag(1, 4): M⁻¹g = (3, −1). d₂ ≥ 1 pushes by μ/4 upward; d₁ + d₂ ≥ 4 by μ(1, ¼).
+    "a diagonal metric": ([3.0, -4.0], HALF_PLANE, {"bound": [1.0], "metric": [1.0, 4.0]}, [3.0, 1.0], [8.0]),
+    "a full metric": (
+        [3.0, -4.0], [[1.0, 1.0]], {"bound": [4.5], "metric": [[1.0, 0.0], [0.0, 4.0]]}, [5.0, -0.5], [2.0]
+    ),
+    "a ball": (
+        [3.0, 4.0], [[-1.0, 0.0]], {"bound": [-3.0], "radius": 10.0}, [3.0, 91.0**0.5], [3 - 12 / 91**0.5]
+    ),
+}  # fmt: skip
 
-def check(problem: DirectionProblem, direction: list[float], multipliers: list[float]) -> None:
-    answer = exact_answer(problem)
+
+@pytest.mark.parametrize("name", BY_HAND)
+def test_answers_by_hand(name: str) -> None:
+    gradient, jacobian, settings, direction, multipliers = BY_HAND[name]
+    answer = exact_answer(DirectionProblem(gradient, jacobian, **settings))
     assert answer.feasible
     np.testing.assert_array_equal(answer.direction, direction)
     np.testing.assert_array_equal(answer.multipliers, multipliers)
-
-
-def test_a_half_plane() -> None:
-    # (3, −4) onto y ≥ 0: the second coordinate goes.
-    check(DirectionProblem([3.0, -4.0], [[0.0, 1.0]]), [3.0, 0.0], [4.0])
-
-
-def test_a_bound_that_g_meets_changes_nothing() -> None:
-    check(DirectionProblem([3.0, 4.0], [[0.0, 1.0]], [4.0]), [3.0, 4.0], [0.0])
-
-
-def test_a_corner() -> None:
-    # x ≥ 1, x + y ≥ 3 from (0, 0): (1.5, 1.5) on the diagonal, and x ≥ 1 is slack; with x ≥ 2, the corner (2, 1).
-    check(DirectionProblem([0.0, 0.0], [[1.0, 0.0], [1.0, 1.0]], [1.0, 3.0]), [1.5, 1.5], [0.0, 1.5])
-    check(DirectionProblem([0.0, 0.0], [[1.0, 0.0], [1.0, 1.0]], [2.0, 3.0]), [2.0, 1.0], [1.0, 1.0])
-
-
-def test_an_equality_may_have_either_sign() -> None:
-    # x + y = 0 from (2, 0): (1, −1), and μ = −1, which an inequality would not allow.
-    check(DirectionProblem([2.0, 0.0], [[1.0, 1.0]], equality=True), [1.0, -1.0], [-1.0])
-    check(DirectionProblem([2.0, 0.0], [[1.0, 1.0]]), [2.0, 0.0], [0.0])
 
 
 def test_no_rounding_at_a_millionth_of_a_millionth() -> None:
@@ -57,16 +62,20 @@ def test_a_proof_of_infeasibility() -> None:
     assert not exact_answer(too_much).feasible
 
 
-def test_contradicting_equalities_and_impossible_zero_rows() -> None:
-    assert not exact_answer(DirectionProblem([0.0], [[1.0], [3.0]], [1.0, 2.0], equality=True)).feasible
-    assert not exact_answer(DirectionProblem([0.0], [[0.0]], [1e-300])).feasible
-    assert not exact_answer(DirectionProblem([0.0], [[0.0]], [-1e-300], equality=True)).feasible
-    assert exact_answer(DirectionProblem([0.0], [[0.0]], [-1e-300])).feasible
-
-
-def test_switched_off_rows_and_no_rows() -> None:
-    check(DirectionProblem([3.0, -4.0], [[0.0, 1.0], [1.0, 1.0]], [-np.inf, -np.inf]), [3.0, -4.0], [0.0, 0.0])
-    check(DirectionProblem([3.0, -4.0], np.zeros((0, 2))), [3.0, -4.0], [])
+@pytest.mark.parametrize(
+    ("jacobian", "settings", "is_feasible"),
+    [
+        ([[1.0, 0.0], [3.0, 0.0]], {"bound": [1.0, 2.0], "equality": True}, False),
+        ([[0.0, 0.0]], {"bound": [1e-300]}, False),
+        ([[0.0, 0.0]], {"bound": [-1e-300], "equality": True}, False),
+        ([[0.0, 0.0]], {"bound": [-1e-300]}, True),
+        ([[1.0, 0.0]], {"bound": [3.0], "radius": 2.0}, False),
+    ],
+)
+def test_contradicting_equalities_zero_rows_and_a_ball_out_of_reach(
+    jacobian: list, settings: dict, is_feasible: bool
+) -> None:
+    assert exact_answer(DirectionProblem([3.0, 4.0], jacobian, **settings)).feasible == is_feasible
 
 
 def test_large_problems_are_refused() -> None:
@@ -74,18 +83,6 @@ def test_large_problems_are_refused() -> None:
         exact_answer(DirectionProblem([1.0, 0.0], np.ones((9, 2))))
     assert is_small_enough(DirectionProblem(np.ones(21), np.ones((1, 21)), metric=np.ones(21)))
     assert not is_small_enough(DirectionProblem(np.ones(21), np.ones((1, 21)), metric=np.eye(21)))
-
-
-@pytest.mark.parametrize("metric", [[1.0, 4.0], [[1.0, 0.0], [0.0, 4.0]]])
-def test_a_metric_divides_the_gradient_and_turns_the_way_back(metric: list) -> None:
-    # M = diag(1, 4): M⁻¹g = (3, −1). d₂ ≥ 1 pushes by μ/4 upward; d₁ + d₂ ≥ 4 by μ(1, ¼).
-    check(DirectionProblem([3.0, -4.0], [[0.0, 1.0]], [1.0], metric=metric), [3.0, 1.0], [8.0])
-    check(DirectionProblem([3.0, -4.0], [[1.0, 1.0]], [4.5], metric=metric), [5.0, -0.5], [2.0])
-
-
-def test_a_ball_is_left_to_the_search_in_it() -> None:
-    check(DirectionProblem([3.0, 4.0], [[-1.0, 0.0]], [-3.0], radius=10.0), [3.0, 91.0**0.5], [3 - 12 / 91**0.5])
-    assert not exact_answer(DirectionProblem([3.0, 4.0], [[1.0, 0.0]], [3.0], radius=2.0)).feasible
 
 
 @st.composite

@@ -14,9 +14,9 @@ from cpgrl_opt.comparison.measurement import Measurement, read_measurements
 from cpgrl_opt.comparison.runner import ComparisonSettings, Listen, open_checkpoint, run_comparison
 from cpgrl_opt.exact import exact_answer
 
-from .comparisons import finish
+from .comparisons import BenchHere, finish
 
-MISCONDUCT = """
+UNRULY = """
 import os, sys, time
 import numpy as np
 from cpgrl_opt import SOLVERS, Direction, Status
@@ -60,23 +60,23 @@ SLEEPING = Solver(lambda: time.sleep(60))
 
 EXPECTED = {
     "active-set": "success",
-    "misconduct:LYING": "silently-wrong",
-    "misconduct:DECLINING": "honest-failure",
-    "misconduct:PESSIMISTIC": "false-infeasible",
-    "misconduct:RAISING": "crash",
-    "misconduct:CHOOSY": "crash",
-    "misconduct:Tired": "crash",
-    "misconduct:Printing": "success",
-    "misconduct:EXITING": "crash",  # the last two lose their process, and each start costs two seconds
-    "misconduct:SLEEPING": "hang",
+    "unruly:LYING": "silently-wrong",
+    "unruly:DECLINING": "honest-failure",
+    "unruly:PESSIMISTIC": "false-infeasible",
+    "unruly:RAISING": "crash",
+    "unruly:CHOOSY": "crash",
+    "unruly:Tired": "crash",
+    "unruly:Printing": "success",
+    "unruly:EXITING": "crash",  # the last two lose their process, and each start costs two seconds
+    "unruly:SLEEPING": "hang",
 }
 
 
 @pytest.fixture
-def misconduct(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "misconduct.py").write_text(MISCONDUCT)
+def unruly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "unruly.py").write_text(UNRULY)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.delitem(sys.modules, "misconduct", raising=False)
+    monkeypatch.delitem(sys.modules, "unruly", raising=False)
     return tmp_path
 
 
@@ -85,11 +85,11 @@ def run(folder: Path, *, listen: Listen | None = None, **settings: object) -> li
     return run_comparison(chosen, open_checkpoint(chosen, folder, {}), listen=listen)
 
 
-def test_every_misconduct_gets_its_name_and_costs_one_problem(misconduct: Path) -> None:
-    measurements = run(misconduct / "out", solvers=tuple(EXPECTED), families=("well-conditioned-equality",))
+def test_every_misconduct_gets_its_name_and_costs_one_problem(unruly: Path) -> None:
+    measurements = run(unruly / "out", solvers=tuple(EXPECTED), families=("well-conditioned-equality",))
     assert {each.solver: each.outcome for each in measurements} == EXPECTED
-    assert [each.solver for each in measurements if each.noise] == ["misconduct:Printing"]
-    assert read_measurements(misconduct / "out" / "measurements.csv") == measurements
+    assert [each.solver for each in measurements if each.noise] == ["unruly:Printing"]
+    assert read_measurements(unruly / "out" / "measurements.csv") == measurements
     late = next(each for each in measurements if each.outcome == "hang")
     assert (late.seconds, late.worst) == (0.1, float("inf"))
     assert late.ratio > 100
@@ -105,7 +105,9 @@ def test_a_fault_of_our_own_is_no_crash_of_a_solver() -> None:
         measurement_of(order, Faulty())  # type: ignore[arg-type]
 
 
-def test_an_interrupted_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_an_interrupted_comparison_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cpgrl_opt.comparison.runner.isolated_bench", BenchHere)
+
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
