@@ -160,10 +160,10 @@ class StepRun:
             raise DirectionError(str(Status(int(answers.status[failed][0]))))
         if failed.any() and self.settings.on_failure == "fallback":
             np.add.at(self.counts["fallback"], runs[failed], 1)
-            again = ActiveSet().solve_batch(problems.chosen(failed))
-            answers = answers.replaced(failed, again)
+            again = ActiveSet().solve_batch(problems.select(failed))
+            answers = answers.replace_where(failed, again)
             if self.observe is not None:
-                self.observe(problems.chosen(failed), again.protect())
+                self.observe(problems.select(failed), again.protect())
         self.counts["skipped"][runs[answers.status > Status.INFEASIBLE]] = 1
         return answers
 

@@ -160,7 +160,7 @@ class DirectionBatch(Sequence[Direction]):
         columns = zip(*map(_parts, batches), strict=True)
         return cls(*(None if parts[0] is None else np.concatenate(parts) for parts in columns))  # type: ignore[arg-type]
 
-    def replaced(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
+    def replace_where(self, mask: Bool[np.ndarray, "B"], others: "DirectionBatch") -> "DirectionBatch":
         """A batch with `others`, in order, where the mask is True."""
         fresh = iter(others)
         return DirectionBatch.stack(

@@ -89,14 +89,14 @@ class ProblemBatch(Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
 
     def copied(self) -> "ProblemBatch":
         """The same numbers in arrays of its own: whatever is done to them, these here stay as they are."""
-        batch = self.chosen(np.arange(len(self)))
+        batch = self.select(np.arange(len(self)))
         if self.whitening is not None:
             pairs = [self._metric_at(k) for k in range(len(self))]
             own = {id(L): copy_metric(M, L) for M, L in pairs}  # one for all stays one
             _set_metrics(batch, [own[id(L)] for _, L in pairs])
         return batch
 
-    def chosen(self, index: Any) -> "ProblemBatch":
+    def select(self, index: Any) -> "ProblemBatch":
         """The problems where a mask is True, of a slice, or of these numbers."""
         radii = None if self.radius is None else read_only(self.radius[index])
         g, J, b, E = (np.ascontiguousarray(array[index]) for array in self.arrays())
@@ -119,7 +119,7 @@ class ProblemBatch(Arrays, ReadOnlyArrays, Sequence[DirectionProblem]):
     def __getitem__(self, index: slice) -> "ProblemBatch": ...
     def __getitem__(self, index: int | slice) -> "DirectionProblem | ProblemBatch":
         if isinstance(index, slice):
-            return self.chosen(index)
+            return self.select(index)
         g, J, b, E = (array[index] for array in self.arrays())
         problem = DirectionProblem.trusted(g, J, b, E, None if self.radius is None else float(self.radius[index]))
         if self.whitening is not None:

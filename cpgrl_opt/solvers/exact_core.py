@@ -41,7 +41,7 @@ def project_batch(problems: ProblemBatch, tolerance: float, *, tangent: bool = F
     value, multipliers, report = _run_stacked(project_directly, problems, 6, tolerance, tangent=tangent)
     status, iterations = report[:2].astype(np.int64)
     left = np.flatnonzero(status)  # OPTIMAL is 0
-    answers = solve_thoroughly(problems.chosen(status != 0), tolerance, tangent=tangent) if left.size else []
+    answers = solve_thoroughly(problems.select(status != 0), tolerance, tangent=tangent) if left.size else []
     for k, answer in zip(left, answers, strict=True):
         status[k], value[k], multipliers[k] = answer.status, answer.value, answer.multipliers
         iterations[k], report[2:, k] = answer.iterations, answer.residuals or np.nan

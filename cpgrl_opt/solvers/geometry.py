@@ -103,8 +103,8 @@ def solve_batch_in_geometry(solver: Solver, problems: ProblemBatch) -> Direction
         answers = climb_batch(flat_batch, solver.tolerance, tangent=bool(solver.tangent))
     left = answers.status != Status.OPTIMAL
     if not flats:
-        again = [solver.solve(problem) for problem in problems.chosen(left)]
-        return answers.replaced(left, DirectionBatch.stack(again)) if again else answers
+        again = [solver.solve(problem) for problem in problems.select(left)]
+        return answers.replace_where(left, DirectionBatch.stack(again)) if again else answers
     found = []
     for problem, flat, answer, is_open in zip(problems, flats, answers, left.tolist(), strict=True):
         is_open = is_open and problems.radius is not None

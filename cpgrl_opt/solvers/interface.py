@@ -97,7 +97,7 @@ def solve_stacked(
         return _solve_part(solver, problems)
     from concurrent.futures import ThreadPoolExecutor  # with `logging`: 6 ms that few need
 
-    pieces = map(problems.chosen, np.array_split(np.arange(len(problems)), parts))
+    pieces = map(problems.select, np.array_split(np.arange(len(problems)), parts))
     with ThreadPoolExecutor(parts) as pool:
         return DirectionBatch.join(list(pool.map(partial(_solve_part, solver), pieces)))
 
@@ -108,7 +108,7 @@ def _solve_part(solver: DirectionSolver, problems: ProblemBatch) -> DirectionBat
         return ask_batch(solver, problems)
     answers, taken = list(map(unsupported, problems)), np.flatnonzero([facts.supports(each) for each in problems])
     if facts.has_batch and taken.size:
-        found: Sequence[Direction] = ask_batch(solver, problems.chosen(taken))
+        found: Sequence[Direction] = ask_batch(solver, problems.select(taken))
     else:
         found = [ask(solver, problems[k]) for k in taken.tolist()]
     for k, answer in zip(taken, found, strict=True):

@@ -53,7 +53,7 @@ def test_replaced_directions_bring_their_own() -> None:
     batch = SOLVERS["nnls"].solve_batch(problems)  # type: ignore[attr-defined]
     other = Direction(np.zeros(9), np.zeros(3), Status.UNCERTIFIED, 7, rung="pairs")
     mask = np.array([False, True, False, False])
-    replaced = batch.replaced(mask, DirectionBatch.stack([other]))
+    replaced = batch.replace_where(mask, DirectionBatch.stack([other]))
     assert (replaced[1].rung, replaced[1].residuals, replaced[1].iterations) == ("pairs", None, 7)
     assert replaced[0].residuals == batch[0].residuals
     np.testing.assert_array_equal(replaced[2].value, batch[2].value)

@@ -57,7 +57,7 @@ def test_a_batch_reads_as_its_problems():
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         np.testing.assert_array_equal(one.metric, metric)
         assert one.radius == other.radius
-    for part in (batch[1:], batch.chosen(np.array([False, True, True]))):
+    for part in (batch[1:], batch.select(np.array([False, True, True]))):
         np.testing.assert_array_equal(part.radius, [2.0, 1.0])
         np.testing.assert_array_equal(part[0].metric, problems[1].metric)
         assert part[0].whitening is not None
@@ -122,7 +122,7 @@ HOLDERS = {
     "a member": lambda: ProblemBatch(**THREE).in_geometry(MATRIX, 1.0)[1],
     "a batch in one geometry": lambda: ProblemBatch(**THREE).in_geometry([1.0, 2.0], 1.0),
     "every other": lambda: geometric()[::2],
-    "the chosen": lambda: geometric().chosen(np.array([True, False, True])),
+    "the chosen": lambda: geometric().select(np.array([True, False, True])),
     "a stack": lambda: ProblemBatch.stack(list(geometric())),
     "a trusted one": lambda: DirectionProblem.trusted(np.ones(2), np.ones((1, 2)), np.zeros(1), np.zeros(1, np.bool_)),
     "a whitening": lambda: DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=MATRIX).whitening,
