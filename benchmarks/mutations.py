@@ -98,11 +98,11 @@ def main() -> None:
     arguments = read_arguments(__doc__, mutations=30, seed=0, modules=modules, seconds=12.0, processes=2)
     files = sorted(set(chain.from_iterable(_files(ROOT, pattern) for pattern in arguments.modules)))
     drawn = draw(ROOT, files, arguments.mutations, np.random.default_rng(arguments.seed))
+    describe = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    commit = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
     begun = os.times()
     rows = run(ROOT, drawn, arguments.seconds, arguments.processes)
     used = sum(os.times()[2:4]) - sum(begun[2:4])  # of the processes that ran the tests
-    describe = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    commit = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
     found = parts(rows, f"{used / 60:.0f} minutes of a core; on commit {commit}")
     publish(arguments, "Wrong lines that the tests notice", found, rows)
 
