@@ -29,7 +29,7 @@ ONE_OUT_OF = 16
 _calls: Counter[FunctionType] = Counter()
 
 
-def checked_at_times(every_time: Callable[..., Any]) -> Callable[..., Any]:
+def check_at_times(every_time: Callable[..., Any]) -> Callable[..., Any]:
     """jaxtyping's decorator, by which the import hook below checks every call, for some of the calls of a function."""
 
     def decorator(*, typechecker: Any) -> Callable[[Any], Any]:
@@ -54,7 +54,7 @@ def checked_at_times(every_time: Callable[..., Any]) -> Callable[..., Any]:
 
 
 # Shapes are checked in the tests only. Compiled kernels stay out of the hook: a decorated kernel is no kernel.
-jaxtyping.jaxtyped = checked_at_times(jaxtyping.jaxtyped)
+jaxtyping.jaxtyped = check_at_times(jaxtyping.jaxtyped)
 jaxtyping.install_import_hook(
     [
         "cpgrl_opt.active_set",
@@ -119,7 +119,7 @@ def compile_rollouts() -> None:
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def hold_lock(path: Path) -> Iterator[None]:
     """Waits while another process is in such a block; on Windows it does not."""
     with path.open("rb") as file:
         with suppress(ImportError):
@@ -134,7 +134,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     if worker is None:
         return
     for compile_half, package in halves if int(worker.removeprefix("gw")) % 2 == 0 else reversed(halves):
-        with locked(package / "__init__.py"):
+        with hold_lock(package / "__init__.py"):
             compile_half()
 
 
