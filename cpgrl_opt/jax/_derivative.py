@@ -53,13 +53,14 @@ def _differentiate(settings: Settings, given: Any, moves: Any) -> tuple[Answer, 
     leaf_moves = [jnp.where(is_sure, leaf, 0).astype(wide) for leaf in leaf_moves]
     u = [leaf[0] + mu @ leaf[1:] for leaf in leaf_moves]
     turned = sum(leaf[1:] @ d.astype(wide) for leaf, d in zip(leaf_moves, found.d, strict=True))
-    asked = jnp.where(is_sure, settings.bound_rate(slack) * slack_moves, 0.0) - turned
-    rest = jnp.where(active, rows.per_length(asked, 0) - rows.products(u), 0.0)
+    asked = jnp.where(is_sure, settings.bound_rate(slack), 0.0) * slack_moves - turned
+    per_length = rows.original(jnp.ones_like(rows.norms), 0)
+    rest = jnp.where(active, per_length * asked - rows.products(u), 0.0)
     force = cho_solve((factor, True), rest)
     force = jnp.where(active, force, 0.0)
     d = [move.astype(leaf.dtype) for move, leaf in zip(add(u, rows.combine(force)), found.d, strict=True)]
     still = jnp.zeros_like(found.residuals), jnp.zeros_like(found.status)
-    return found, Answer(d, rows.original(force, 0).astype(found.multipliers.dtype), *still)
+    return found, Answer(d, (per_length * force).astype(found.multipliers.dtype), *still)
 
 
 answer = jax.jit(_answer, static_argnums=0)  # else each eager call would compile its loops anew

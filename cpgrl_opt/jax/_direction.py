@@ -10,7 +10,7 @@ from ..direction import Status
 from ..step import ConstrainedStep
 from ..validation import require_member
 from ._derivative import answer
-from ._info import StepInfo, describe, gain_of, slack_of, stop
+from ._info import StepInfo, describe, gain_of, stop
 from ._settings import KINDS, Settings, read_step
 from ._trees import read_gradients, real_vector
 
@@ -50,20 +50,20 @@ def constrained_direction(
     if len(values) == 0:
         raise ValueError("values should have at least the loss; found none")
     limits = real_vector("thresholds", thresholds, len(values) - 1)
-    read_gradients(gradients, len(values))
-    gradient, info = _solve(settings, kind, values, gradients, limits)
+    leaves, rebuild = read_gradients(gradients, len(values))
+    d, info = _solve(settings, -1.0 if kind == "cost" else 1.0, values, leaves, limits)
     if not isinstance(info.status, jax.core.Tracer) and int(info.status) == Status.NUMERICAL_ERROR:
         raise ValueError("values, gradients, thresholds and the direction should be finite; found NaN or infinities")
-    return gradient, info
+    return rebuild([-leaf for leaf in d]), info
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _solve(settings: Settings, kind: str, values: Any, gradients: Any, limits: Any) -> tuple[Any, StepInfo]:
-    leaves, rebuild = read_gradients(gradients, len(values))
-    signs = jnp.where(jnp.arange(len(values)) == 0, -1, 1 if kind == "reward" else -1)[:, None]
+@partial(jax.jit, static_argnums=0)
+def _solve(settings: Settings, sign: Any, values: Any, leaves: list[Any], limits: Any) -> tuple[list[Any], StepInfo]:
+    """What climbs, in leaves. sign: of the constraints, −1 for costs."""
+    signs = jnp.where(jnp.arange(len(values)) == 0, -1.0, sign)[:, None]
     ascent = [leaf * signs.astype(leaf.dtype) for leaf in leaves]
-    slack = slack_of(values[1:], limits, kind)
+    slack = sign * (values[1:] - limits)
     found = stop(answer(settings, ascent, slack), jnp.isfinite(values).all())
     gain = gain_of([leaf[1:] for leaf in ascent], found.d)
     info = describe(settings, found, slack, float(settings.step.step_size) * gain)  # type: ignore[arg-type]
-    return rebuild([-leaf for leaf in found.d]), info
+    return found.d, info

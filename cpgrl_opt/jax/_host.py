@@ -42,7 +42,7 @@ def _take_step(step: ConstrainedStep, leaves: list[np.ndarray], slack: np.ndarra
     parts = np.split(result.change / float(step.step_size), np.cumsum([leaf.shape[-1] for leaf in leaves])[:-1], axis=1)  # type: ignore[arg-type]
     d = [part.astype(leaf.dtype).reshape(*runs, -1) for part, leaf in zip(parts, leaves, strict=True)]
     rest = (result.multipliers, residuals, status)
-    return Answer(d, *(each.astype(slack.dtype).reshape(*runs, *each.shape[1:]) for each in rest))
+    return Answer(d, *(each.astype(slack.dtype).reshape((*runs, *each.shape[1:])) for each in rest))
 
 
 def _count(leaves: list[np.ndarray]) -> int:

@@ -45,11 +45,6 @@ def no_info(m: int) -> StepInfo:
     return StepInfo(zero, jnp.zeros(m, bool), zero, zero, *nothing)
 
 
-def slack_of(values: Any, thresholds: Any, kind: str) -> Any:
-    """≥ 0 is feasible."""
-    return thresholds - values if kind == "cost" else values - thresholds
-
-
 def gain_of(rows: list[Any], d: list[Any]) -> Any:
     """J d, of leaves (m, k) and (k,)."""
     wide = jnp.result_type(float)

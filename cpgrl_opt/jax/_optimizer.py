@@ -17,7 +17,7 @@ from ..direction import Status
 from ..step import ConstrainedStep
 from ..validation import require_member
 from ._derivative import answer
-from ._info import StepInfo, describe, gain_of, no_info, slack_of, stop
+from ._info import StepInfo, describe, gain_of, no_info, stop
 from ._metric import metric_of
 from ._settings import KINDS, read_step
 from ._trees import read_gradients, real_vector
@@ -96,14 +96,14 @@ def constrain(
         **extra: Any,
     ) -> tuple[Any, ConstrainState]:
         values = real_vector("constraint_values", constraint_values, m)
-        slack = slack_of(values, real_vector("thresholds", thresholds, m), kind)
+        sign = -1 if kind == "cost" else 1
+        slack = sign * (values - real_vector("thresholds", thresholds, m))
         rows, _ = read_gradients(constraint_gradients, m, "constraint_gradients", like=updates)
         proposed, moved = inner.update(updates, state.inner, params, **extra)
         own, form = jax.tree.flatten(proposed)
         weights = metric_of(moved, proposed) if metric is None else _leaves_of(metric(moved), proposed)
         roots = [jnp.sqrt(jnp.ravel(part).astype(values.dtype)) for part in weights]
 
-        sign = 1 if kind == "reward" else -1
         rows = [sign * row for row in rows]
         white = [
             jnp.concatenate([(jnp.ravel(part) * root)[None], row / root])
