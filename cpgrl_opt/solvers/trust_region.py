@@ -144,8 +144,11 @@ class _Ball:
 
     def inside(self, proven: Direction) -> BallAnswer | None:
         """An INFEASIBLE answer in these coordinates; None where its proof names a row that is met all over the ball."""
-        y = self.flat.unit.times_length(self.flat.proof(proven.multipliers))
-        if y[~self.kept].any() or not np.isfinite(y).all():
+        y = self.flat.proof(proven.multipliers)
+        if y[~self.kept].any():  # of a row of zeros too
+            return None
+        y = self.flat.unit.times_length(y)
+        if not np.isfinite(y).all():
             return None
         point = self.basis.T @ self.flat.inside(proven.value) / self.radius
         return BallAnswer(point, y[self.kept], 0.0, 0.0, Status.INFEASIBLE)

@@ -72,6 +72,10 @@ def contradictions() -> Iterator[tuple[str, DirectionProblem]]:
             yield f"wedge, {form}, radius {radius}", problem
     for radius in (None, 1e3, 1e6, 1e12):
         yield f"hidden, radius {radius}", DirectionProblem(*HIDDEN, True, metric=HIDING, radius=radius)
+    for metric in (None, [4.0, 1.0], [[4.0, 1.0], [1.0, 2.0]]):
+        for equality, radius in ((False, 2.0), (True, 2.0), (False, 1e6)):
+            problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0], [0.0, 0.0]], [0.1, 1.0], equality, metric, radius)
+            yield f"zero row, metric {metric}, {equality}, radius {radius}", problem
     for size in (1.0, 1e-12, 1e8):
         rows = [[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]
         yield f"unit {size:g}", DirectionProblem([1.0, 1.0], rows, 1.0, metric=size * np.array([1e-6, 1.0]))
