@@ -6,9 +6,10 @@ Objectives are losses, which are minimised, and constraints are costs, which sho
 kind="reward" says otherwise: the signs of those who write such loops. Everywhere else in this package they are turned.
 
 backward                `constrained_backward`, in the place of loss.backward()
-constrained_optimizer   any optimiser's step, projected in its own metric, which is in proposal_metric
+constrained_optimizer   any optimiser's step, projected in its own metric; proposal, proposal_metric: these
 channels                objective and constraints → gradients; parameters: which of them move
 step_info               what happened, by the names of the constraints
+loss_scale              mixed precision; tracing: what torch.compile does not look into
 """
 
 from .backward import constrained_backward as constrained_backward

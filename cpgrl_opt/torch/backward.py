@@ -10,7 +10,8 @@ from typing import Any
 import torch
 
 from ..step import ConstrainedStep
-from .channels import Channels, linearize
+from .channels import Channels, Gather, linearize
+from .loss_scale import overflows, scale_of, skip, unscale
 from .parameters import read_parameters
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
@@ -29,6 +30,8 @@ def constrained_backward(
     previous: StepInfo | None = None,
     retain_graph: bool = False,
     batched: bool = False,
+    scaler: Any = None,
+    gather: Gather | None = None,
 ) -> StepInfo:
     """Adds to `.grad` of each parameter what descends the objective under the constraints.
 
@@ -47,6 +50,9 @@ def constrained_backward(
     previous : the last update's, for rules with memory.
     retain_graph : as of `backward`.
     batched : all gradients in one reverse pass (`vmap`), which takes the memory of all at once.
+    scaler : a `torch.amp.GradScaler`, for losses as they are, unscaled; scaler.step and scaler.update follow as usual.
+    gather : where each process has a part of the parameters, of one model, as in `vectors.Sharded`: for example
+        `vectors.gather_by_torch`. Values are those of the whole model.
 
     Raises
     ------
@@ -54,14 +60,18 @@ def constrained_backward(
         For what does not fit, a graph that is gone, NaN; DirectionError if `step.on_failure` says so. Then nothing is
         written.
     """
-    rate = _require_rate(step)
+    rate, scale = _require_rate(step), scale_of(scaler)
     channels = Channels.read(objective, constraints, values, thresholds, kind)
     moving = read_parameters(parameters)
-    found, gradients, places = channels.differentiate(moving, retain_graph=retain_graph, batched=batched)
-    linearization = linearize(found, gradients, channels)
+    settings: dict[str, Any] = {"scale": scale, "retain_graph": retain_graph, "batched": batched}
+    found, gradients, places = channels.differentiate(moving, **settings)
+    if overflows(gradients, scaler):
+        return skip(moving, channels, found)
+    unscale(gradients, scale)
+    linearization = linearize(found, gradients, channels, gather)
     limits = channels.slack_thresholds()
     result = step(linearization, limits, None if previous is None else previous.previous)
-    accumulate([moving[k] for k in places], [part.mul_(-1.0 / rate) for part in result.change])
+    accumulate([moving[k] for k in places], [part.mul_(-scale / rate) for part in result.change])
     return describe(result, linearization.slack(limits), channels.names)
 
 

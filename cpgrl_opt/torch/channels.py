@@ -5,7 +5,7 @@
 The sign is what reverse mode begins with, so that no gradient is copied to turn it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,11 +14,13 @@ import torch
 
 from ..linearization import Linearization
 from ..validation import finite_array, real_values, require_member, require_shape
+from ..vectors import Sharded
 
 KINDS = ("cost", "reward")
 # What autograd says of a graph that is gone, or that compiled code keeps for one pass only.
 _GONE = ("second time", "donated buffers")
 
+Gather = Callable[[np.ndarray], Sequence[np.ndarray]]  # of `Sharded`
 Loss = Any  # a tensor of one number, or a function that makes one
 
 
@@ -88,6 +90,12 @@ class Channels:
                     row[k] = zeros.setdefault(k, torch.zeros_like(parameters[k]))
         return found, [[row[k] for k in places] for row in rows], places
 
+    def require_finite(self, rows: list[list[Any]], first: int = 0) -> None:
+        """ValueError that names the channel, the first row being that of the channel `first`."""
+        for i, row in enumerate(rows, first):
+            if not are_finite(row):
+                raise ValueError(f"{self.name(i)} should have a finite gradient; found NaN or infinity")
+
     def slack_thresholds(self) -> np.ndarray:
         """In this package's signs."""
         return self.sign * self.thresholds
@@ -111,15 +119,21 @@ class Channels:
                 raise ValueError(f"{self.name(i)} should depend on the parameters; found no gradient at all")
 
 
-def linearize(values: np.ndarray, gradients: list[list[Any]], channels: Channels) -> Linearization:
-    """ValueError that names the channel whose gradient is not finite."""
+def linearize(
+    values: np.ndarray, gradients: list[list[Any]], channels: Channels, gather: Gather | None = None
+) -> Linearization:
+    """ValueError that names the channel whose gradient is not finite. gather: where these are parts, as `Sharded`."""
     try:
-        return Linearization(values, gradients)
-    except ValueError as error:
-        for i, row in enumerate(gradients):
-            if not all(bool(torch.isfinite(part).all()) for part in row):
-                raise ValueError(f"{channels.name(i)} should have a finite gradient; found NaN or infinity") from error
+        given: Any = gradients if gather is None else Sharded(gradients[0], gradients[1:], gather=gather)
+        return Linearization(values, given)
+    except ValueError:
+        channels.require_finite(gradients)
         raise
+
+
+def are_finite(tensors: Iterable[Any]) -> bool:
+    """No NaN and no infinity."""
+    return all(bool(torch.isfinite(each).all()) for each in tensors)
 
 
 def _in_order(constraints: Any) -> list[Loss]:

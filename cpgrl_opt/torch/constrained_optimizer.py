@@ -6,7 +6,7 @@ So nothing behind the projection can undo it, momentum and weight decay included
 M = H the problem is that of `ConstrainedStep` with step_size = 1, whose formulations, rules and fallbacks hold.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,8 +15,11 @@ import torch
 
 from ..step import ConstrainedStep
 from ..step_result import skipped_result
-from .channels import Channels, linearize
+from ..validation import require_finite
+from .channels import Channels, Gather, are_finite, linearize
+from .loss_scale import overflows, scale_of, skip, unscale
 from .parameters import read_parameters
+from .proposal import Move, Proposal
 from .proposal_metric import metric_of
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
@@ -47,12 +50,15 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
     step : how constraints are met. Its step_size is not asked for: the optimiser says how far.
     metric : a function of a parameter that returns H there, positive, a number or a tensor of its shape, asked after
         the optimiser's step; by default the optimiser's own.
+    gather : where each process has a part of the parameters of one model, as of `constrained_backward`.
 
     Where nothing is certified the parameters stay, and where nothing meets the constraints they are violated least;
     `info.status` says so. The optimiser's moments are those of the objective's gradient alone.
     """
 
-    def __init__(self, optimizer: Any, step: ConstrainedStep, *, metric: Metric | None = None) -> None:
+    def __init__(
+        self, optimizer: Any, step: ConstrainedStep, *, metric: Metric | None = None, gather: Gather | None = None
+    ) -> None:
         if not isinstance(optimizer, torch.optim.Optimizer) or isinstance(optimizer, ConstrainedOptimizer):
             raise ValueError(f"optimizer should be one of torch.optim; found {optimizer!r}")
         if not isinstance(step, ConstrainedStep):
@@ -63,7 +69,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
             raise ValueError("step should have no metric, since the optimiser has its own; found one")
         if metric is not None and not callable(metric):
             raise ValueError(f"metric should be a function of a parameter; found {metric!r}")
-        self.optimizer, self.metric = optimizer, metric
+        self.optimizer, self.metric, self.gather = optimizer, metric, gather
         self.info: StepInfo | None = None
         self._step = replace(step, step_size=1.0)
         self._asked: _Asked | None = None
@@ -80,6 +86,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         kind: str = "cost",
         retain_graph: bool = True,
         batched: bool = False,
+        scaler: Any = None,
     ) -> None:
         """Says what the next `step` has to keep: gradients are taken here, at the parameters as they are.
 
@@ -88,9 +95,14 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         """
         channels = Channels.read(None, constraints, values, thresholds, kind)
         moving = read_parameters(self.param_groups)
-        settings = {"retain_graph": retain_graph, "batched": batched}
+        settings: dict[str, Any] = {"scale": scale_of(scaler), "retain_graph": retain_graph, "batched": batched}
         found, rows, places = channels.differentiate(moving, **settings)
-        linearize(found, [rows[0] if rows else [moving[0]], *rows], channels)  # whether all is finite
+        if overflows(rows, scaler):
+            self.info = skip(moving, channels, found)
+            return
+        unscale(rows, scale_of(scaler))
+        channels.require_finite(rows, first=1)
+        require_finite("values", found)
         if not (self._keeps_first and self._asked is not None):
             gradients = [{id(moving[k]): part for k, part in zip(places, row, strict=True)} for row in rows]
             self._asked = _Asked(channels, found, gradients)
@@ -124,45 +136,29 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
 
     def _project(self, before: dict[int, Any], asked: _Asked) -> None:
         channels, values, rows = asked
-        moving = [(each, group) for group in self.param_groups for each in group["params"] if id(each) in before]
-        self._require_finite([each for each, _ in moving], "the optimiser's proposal")
-        moving = [pair for pair in moving if float(pair[1].get("lr", 1.0)) > 0.0]
+        self._require_finite(self._parameters(), "the optimiser's proposal")
         limits = channels.slack_thresholds()
         slack = values[1:] - limits
-        if not moving:
+        proposal = Proposal([*self._moves(before)])
+        if not proposal.moves:
             none = np.zeros(len(slack), np.bool_)
-            self.info = describe(skipped_result(None, slack, none), slack, channels.names)
-            return
-        roots = [self._root(*pair) for pair in moving]
-        proposal = [(_wide(each) - before[id(each)]) * root for (each, _), root in zip(moving, roots, strict=True)]
-        zeros = [
-            torch.zeros_like(part) if any(id(each) not in row for row in rows) else None
-            for (each, _), part in zip(moving, proposal, strict=True)
-        ]
-        whitened = [
-            [
-                _wide(row[id(each)]) / root if id(each) in row else zero
-                for (each, _), root, zero in zip(moving, roots, zeros, strict=True)
-            ]
-            for row in rows
-        ]
-        previous = self._previous if self._previous is not None and len(self._previous) == len(slack) else None
-        result = self._step(linearize(values, [proposal, *whitened], channels), limits, previous)
-        if result.active.any() or result.counts["skipped"] or result.counts["infeasible"]:
-            for (each, _), part, root in zip(moving, result.change, roots, strict=True):
-                each.copy_(before[id(each)] + part / root)
+            result = skipped_result(None, slack, none)
+        else:
+            known = self._previous is not None and len(self._previous) == len(slack)
+            given = linearize(values, proposal.whiten(rows), channels, self.gather)
+            result = self._step(given, limits, self._previous if known else None)
+            if result.active.any() or result.counts["skipped"] or result.counts["infeasible"]:
+                proposal.replace(result.change)
         self.info = describe(result, slack, channels.names)
         self._previous = self.info.previous
 
-    def _root(self, parameter: Any, group: Any) -> Any:
-        """√H."""
-        H = metric_of(self.optimizer, group, parameter) if self.metric is None else self.metric(parameter)
-        is_number = not isinstance(H, torch.Tensor)
-        if not (H > 0.0 if is_number else bool((H > 0.0).all())):
-            raise ValueError(f"metric should be positive; found {H if is_number else H.min().item()}")
-        if not is_number and H.shape != parameter.shape:
-            raise ValueError(f"metric should have shape {tuple(parameter.shape)}; found {tuple(H.shape)}")
-        return H**0.5
+    def _moves(self, before: dict[int, Any]) -> Iterator[Move]:
+        """Of the parameters that the optimiser's rates let move."""
+        for group in self.param_groups:
+            for each in group["params"]:
+                if id(each) in before and float(group.get("lr", 1.0)) > 0.0:
+                    H = metric_of(self.optimizer, group, each) if self.metric is None else self.metric(each)
+                    yield Move.of(each, before[id(each)], H)
 
     def _parameters(self) -> list[Any]:
         return [each for group in self.param_groups for each in group["params"] if each.requires_grad]
@@ -173,9 +169,8 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         return self._asked
 
     def _require_finite(self, tensors: list[Any], name: str) -> None:
-        for each in tensors:
-            if each is not None and not bool(torch.isfinite(each).all()):
-                raise ValueError(f"{name} should be finite; found NaN or infinity")
+        if not are_finite(each for each in tensors if each is not None):
+            raise ValueError(f"{name} should be finite; found NaN or infinity")
 
     @property
     def param_groups(self) -> Any:
@@ -220,9 +215,3 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.optimizer!r}, {self._step!r})"
-
-
-def _wide(tensor: Any) -> Any:
-    """Of float32 at least, without a graph."""
-    tensor = tensor.detach()
-    return tensor.float() if tensor.dtype.itemsize < torch.float32.itemsize else tensor

@@ -19,7 +19,8 @@ class StepInfo:
     slack: threshold − cost, or reward − threshold; ≥ 0 is feasible. predicted_slack: after the change, to first order.
     residuals: of the certificate, None where there is none.
     status: OPTIMAL; INFEASIBLE where nothing meets the constraints, so that they are violated least; UNCERTIFIED where
-        nothing moves. stationary: no direction is better. counts: of `StepResult`.
+        nothing moves; NUMERICAL_ERROR where a gradient overflows under a scaler, which then skips the step.
+    stationary: no direction is better. counts: of `StepResult`.
     """
 
     multipliers: Any
@@ -37,25 +38,29 @@ class StepInfo:
         if self.status != Status.OPTIMAL:
             raise DirectionError(str(self.status))
 
+    @classmethod
+    def of(cls, names: tuple[Any, ...] | None, *numbers: Any, status: Status, **others: Any) -> "StepInfo":
+        """By name where there are names; numbers: multipliers, active, slack, predicted slack."""
+        given: dict[str, Any] = {"residuals": None, "stationary": False, "counts": {}, **others}
+        for name, each in zip(("multipliers", "active", "slack", "predicted_slack"), numbers, strict=True):
+            given[name] = each if names is None else dict(zip(names, np.asarray(each).tolist(), strict=True))
+        return cls(status=status, previous=np.asarray(numbers[1]), **given)
+
 
 def describe(result: StepResult, slack: np.ndarray, names: tuple[Any, ...] | None) -> StepInfo:
     """Of one run's result."""
-
-    def named(numbers: Any) -> Any:
-        return numbers if names is None else dict(zip(names, np.asarray(numbers).tolist(), strict=True))
-
     counts = {name: int(count) for name, count in result.counts.items()}
     status = Status.UNCERTIFIED if counts["skipped"] else Status.INFEASIBLE if counts["infeasible"] else Status.OPTIMAL
     residuals = result.residuals
     has_proof = residuals is not None and not np.isnan(residuals).any()
-    return StepInfo(
-        named(result.multipliers),
-        named(result.active),
-        named(slack),
-        named(result.predicted_slack),
-        KKTResiduals(*np.asarray(residuals).tolist()) if has_proof else None,
-        status,
-        bool(result.stationary),
-        counts,
-        np.asarray(result.active),
+    return StepInfo.of(
+        names,
+        result.multipliers,
+        result.active,
+        slack,
+        result.predicted_slack,
+        status=status,
+        residuals=KKTResiduals(*np.asarray(residuals).tolist()) if has_proof else None,
+        stationary=bool(result.stationary),
+        counts=counts,
     )
