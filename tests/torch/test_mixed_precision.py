@@ -1,4 +1,4 @@
-"""Under a `GradScaler` what is written is as without, times the scale; where a gradient overflows the step is skipped."""
+"""Under a `GradScaler` all is as without; where a gradient overflows the step is skipped."""
 
 from typing import Any
 
@@ -47,5 +47,5 @@ def test_a_scaler_changes_nothing_but_what_overflows(way: str) -> None:
     left, told = update(way, scaler, spoil=1e38)
     np.testing.assert_array_equal(left, np.ones(3))
     assert (told.status, scaler.get_scale()) == (Status.NUMERICAL_ERROR, 2.0**11)
-    with pytest.raises(ValueError, match="constraints.0. should have a finite gradient"):
+    with pytest.raises(ValueError, match=r"constraints\[0\] should have a finite gradient"):
         update(way, None, spoil=np.inf)
