@@ -39,7 +39,7 @@ def surrogate(log_probabilities, outcome):
     return (log_probabilities * (outcome - outcome.mean(dim=-1, keepdim=True))).sum(dim=0).mean()
 
 
-def train(way="backward", updates=60, seed=0, report=print):
+def train(way="backward", updates=80, seed=0, report=print):
     """Trains a policy; returns how long the last episodes were, and the mean costs of the last ten updates."""
     torch.manual_seed(seed)
     envs = gymnasium.make_vec("CartPole-v1", num_envs=EPISODES, vectorization_mode="vector_entry_point")
