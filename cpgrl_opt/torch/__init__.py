@@ -9,6 +9,7 @@ backward                `constrained_backward`, in the place of loss.backward()
 constrained_optimizer   any optimiser's step, projected in its own metric; proposal, proposal_metric: these
 channels                objective and constraints → gradients; parameters: which of them move
 derivative              a direction as a function that autograd differentiates
+recomputed              gradients that are taken anew, a part at a time
 step_info               what happened, by the names of the constraints
 loss_scale              mixed precision; tracing: what torch.compile does not look into
 """

@@ -9,10 +9,13 @@ from typing import Any
 
 import torch
 
+from ..linearization import Linearization
 from ..step import ConstrainedStep
+from ..validation import require_count
 from .channels import Channels, Gather, linearize
 from .loss_scale import overflows, scale_of, skip, unscale
 from .parameters import read_parameters
+from .recomputed import RecomputedVectors, split
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
 
@@ -32,6 +35,7 @@ def constrained_backward(
     batched: bool = False,
     scaler: Any = None,
     gather: Gather | None = None,
+    chunks: int | None = None,
 ) -> StepInfo:
     """Adds to `.grad` of each parameter what descends the objective under the constraints.
 
@@ -53,6 +57,8 @@ def constrained_backward(
     scaler : a `torch.amp.GradScaler`, for losses as they are, unscaled; scaler.step and scaler.update follow as usual.
     gather : where each process has a part of the parameters, of one model, as in `vectors.Sharded`: for example
         `vectors.gather_by_torch`. Values are those of the whole model.
+    chunks : gradients of so many parts of the parameters, one part at a time, taken anew when they are asked for: with
+        1 + m chunks in the memory of one gradient. Graphs stay; not with `batched`, `scaler` or `gather`.
 
     Raises
     ------
@@ -63,14 +69,22 @@ def constrained_backward(
     rate, scale = _require_rate(step), scale_of(scaler)
     channels = Channels.read(objective, constraints, values, thresholds, kind)
     moving = read_parameters(parameters)
+    limits = channels.slack_thresholds()
+    known = None if previous is None else previous.previous
+    if chunks is not None:
+        _require_chunks(chunks, batched, scaler, gather)
+        vectors = RecomputedVectors(channels.differentiate_again, split(moving, chunks), 1 + len(limits))
+        linearization = Linearization(channels.evaluate(), vectors)
+        result = step(linearization, limits, known)
+        accumulate(moving, [part.mul_(-1.0 / rate) for part in result.change])
+        return describe(result, linearization.slack(limits), channels.names)
     settings: dict[str, Any] = {"scale": scale, "retain_graph": retain_graph, "batched": batched}
     found, gradients, places = channels.differentiate(moving, **settings)
     if overflows(gradients, scaler):
         return skip(moving, channels, found)
     unscale(gradients, scale)
     linearization = linearize(found, gradients, channels, gather)
-    limits = channels.slack_thresholds()
-    result = step(linearization, limits, None if previous is None else previous.previous)
+    result = step(linearization, limits, known)
     accumulate([moving[k] for k in places], [part.mul_(-scale / rate) for part in result.change])
     return describe(result, linearization.slack(limits), channels.names)
 
@@ -83,6 +97,12 @@ def accumulate(parameters: list[Any], gradients: list[Any]) -> None:
                 parameter.grad = gradient
             else:
                 parameter.grad += gradient
+
+
+def _require_chunks(chunks: Any, batched: bool, scaler: Any, gather: Any) -> None:
+    require_count("chunks", chunks)
+    if batched or scaler is not None or gather is not None:
+        raise ValueError(f"chunks should be None with batched, scaler or gather; found {chunks}")
 
 
 def _require_rate(step: ConstrainedStep) -> float:

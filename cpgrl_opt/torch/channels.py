@@ -96,6 +96,22 @@ class Channels:
             if not are_finite(row):
                 raise ValueError(f"{self.name(i)} should have a finite gradient; found NaN or infinity")
 
+    def evaluate(self) -> np.ndarray:
+        """Values alone, in this package's signs."""
+        if self.values is not None:
+            return np.append(0.0, self.sign * self.values)
+        found = [float(self._evaluate(1 + i, each).detach()) for i, each in enumerate(self.constraints)]
+        return np.append(0.0, self.sign * np.array(found))
+
+    def differentiate_again(self, parameters: list[Any]) -> list[list[Any]]:
+        """The gradients alone, 0 where a channel does not depend on a parameter; graphs stay."""
+        rows = []
+        for i, each in enumerate([self.objective, *self.constraints]):
+            tensor = self._evaluate(i, each)
+            row = _gradient(self.name(i), tensor, self.sign if i else -1.0, parameters, not callable(each))
+            rows.append([torch.zeros_like(p) if g is None else g for p, g in zip(parameters, row, strict=True)])
+        return rows
+
     def slack_thresholds(self) -> np.ndarray:
         """In this package's signs."""
         return self.sign * self.thresholds
