@@ -102,8 +102,7 @@ def solve(leaves: Sequence[Any], bound: Any, *, tolerance: float, gives_met: boo
     is_right = ~end.is_proven & (end.residuals.max() <= problem.tolerance)
     status = jnp.where(is_right, Status.OPTIMAL, Status.UNCERTIFIED)
     status = jnp.where(end.is_proven & end.is_least, Status.INFEASIBLE, status)
-    back = [jnp.ldexp(leaf, problem.unit) for leaf in end.d]
-    d = [part.astype(leaf.dtype) for part, leaf in zip(back, leaves, strict=True)]
+    d = [part.astype(leaf.dtype) for part, leaf in zip(rescale(end.d, problem.unit), leaves, strict=True)]
     mu = rows.original(end.multipliers, jnp.where(end.is_proven, 0, problem.unit))
     is_finite &= jnp.isfinite(mu).all() & jnp.stack([jnp.isfinite(leaf).all() for leaf in d]).all()
     status = jnp.where(is_finite, status, Status.NUMERICAL_ERROR)
@@ -152,7 +151,7 @@ def _advance(problem: _Problem, before: _Search) -> _Search:
     after_approach = jnp.where(goes_on, approach, int(Stage.NEAREST))
     nexts = jnp.stack([after_first, jnp.where(is_proof, approach, end), after_approach, jnp.asarray(end)])
     is_soft, is_approach = is_probe | goes_on, stage == Stage.APPROACH
-    least = [jnp.where(is_approach, jnp.ldexp(a, problem.shift), b) for a, b in zip(found.d, before.d, strict=True)]
+    least = choose(is_approach, rescale(found.d, problem.shift), before.d)
     base = [jnp.where(is_probe, 0.0, jnp.where(goes_on, a, b)) for a, b in zip(found.d, problem.g, strict=True)]
     return _Search(
         nexts[stage],

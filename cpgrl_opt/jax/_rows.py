@@ -52,7 +52,7 @@ def read_channels(leaves: Sequence[Any]) -> tuple[Leaves, Any, Rows, Any]:
     largest = jnp.stack([jnp.abs(leaf.astype(wide)).max(axis=1, initial=0.0) for leaf in leaves]).max(axis=0)
     is_finite = jnp.isfinite(largest).all()
     exponents = jnp.where(is_finite, jnp.frexp(jnp.where(is_finite, largest, 0.0))[1], 0)
-    scaled = [jnp.ldexp(jnp.where(is_finite, leaf, 0).astype(wide), -exponents[:, None]) for leaf in leaves]
+    scaled = [_scale(jnp.where(is_finite, leaf, 0).astype(wide), -exponents[:, None]) for leaf in leaves]
     K = sum(_multiply(leaf, leaf.T) for leaf in scaled)
     moves = jnp.diagonal(K) > 0.0
     norms = jnp.sqrt(jnp.where(moves, jnp.diagonal(K), 1.0))
@@ -68,7 +68,7 @@ def add(x: Leaves, y: Leaves) -> Leaves:
 
 def rescale(x: Leaves, exponent: Any) -> Leaves:
     """2^exponent x, exactly."""
-    return [jnp.ldexp(leaf, exponent) for leaf in x]
+    return [_scale(leaf, exponent) for leaf in x]
 
 
 def choose(condition: Any, x: Leaves, y: Leaves) -> Leaves:
@@ -79,6 +79,12 @@ def choose(condition: Any, x: Leaves, y: Leaves) -> Leaves:
 def length(d: Leaves) -> Any:
     """‖d‖."""
     return jnp.sqrt(sum(jnp.vdot(leaf, leaf, precision=lax.Precision.HIGHEST) for leaf in d))
+
+
+def _scale(vector: Any, exponent: Any) -> Any:
+    """2^exponent times it, in two products, since 2^exponent may be no number; `ldexp` of all entries takes longer."""
+    half, one = exponent // 2, jnp.ones((), vector.dtype)
+    return vector * jnp.ldexp(one, half) * jnp.ldexp(one, exponent - half)
 
 
 def _multiply(a: Any, b: Any) -> Any:
