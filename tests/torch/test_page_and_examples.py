@@ -60,6 +60,7 @@ def test_the_actor_with_critics_ends_feasible() -> None:
     assert length >= 45
 
 
+@pytest.mark.slow  # two processes; that ranks agree is held by test_ranks.py
 def test_two_ranks_end_feasible() -> None:
     command = [sys.executable, ROOT / "examples/torch_two_ranks.py", "20"]
     out = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=400, check=True).stdout
