@@ -11,7 +11,7 @@ from ..comparison.whole_file import whole_file
 from ..isolation import Isolated, IsolationError, apply, exit_on_termination
 from ..validation import require_count, require_member, require_positive
 from .laws import LAWS
-from .subject import CannotCheck, checkable_solver, spelling_of
+from .target import CannotCheck, checkable_solver, spelling_of
 from .verdict import CheckResult, Verdict, check_direction_solver
 
 HELD, BROKEN, UNWRITTEN, INTERRUPTED = 0, 1, 2, 130

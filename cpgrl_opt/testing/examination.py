@@ -21,9 +21,9 @@ from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .domain import domain_of, traits_of
 from .draws import only_shapes, small_shapes
-from .law import LawBroken, Outcome, described, takes
+from .law import LawBroken, Outcome, takes
 from .laws import Arguments, Law, part_drawn
-from .process_state import large_state_restored, restored
+from .process_state import restore_generators, restore_process
 from .strategies import Case
 
 # Shrinking asks the solver this often at most: slow solvers then keep a counterexample that is not quite minimal.
@@ -328,8 +328,8 @@ def _outcome(
     try:
         found: tuple[Outcome, float] = solver.apply(_outcome_here, law.check, arguments, time_limit=limit)
     except IsolationError as lost:
-        shown = "".join(map(described, _problems_in(arguments)[:1]))
-        raise LawBroken(f"solve should come back with a Direction; found {lost}{shown}") from lost
+        message = f"solve should come back with a Direction; found {lost}"
+        raise LawBroken(message, *_problems_in(arguments)[:1]) from lost
     return found
 
 
@@ -342,7 +342,7 @@ def _outcome_here(
     """
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002 - `_traceless` gives the caller's state back
-    with restored():  # what a solver changes once, and finds changed ever after, would pass the law about it
+    with restore_process():  # what a solver changes once, and finds changed ever after, would pass the law about it
         return check(solver, **arguments), tolerance_of(solver)
 
 
@@ -353,7 +353,7 @@ def _traceless() -> Iterator[None]:
     It keeps notes in ./.hypothesis even without a database.
     """
     folder_before = getattr(configuration, "__hypothesis_home_directory", None)
-    with large_state_restored(), tempfile.TemporaryDirectory() as folder:
+    with restore_generators(), tempfile.TemporaryDirectory() as folder:
         configuration.set_hypothesis_home_dir(folder)
         try:
             yield

@@ -4,6 +4,7 @@ Each compares two answers, both within `distance_bound`(ε) of the same optimum,
 a ball is slack the optimum need not be unique, and they are skipped.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -34,16 +35,13 @@ def check_permutation(solver: DirectionSolver, problem: DirectionProblem, order:
     Source: the problem is a set of constraints.
     """
     index = np.asarray(order, dtype=np.intp)
-    other = varied(
-        problem, jacobian=problem.jacobian[index], bound=problem.bound[index], equality=problem.equality[index]
-    )
-    first, second = optimum_of(solver, problem), optimum_of(solver, other)
-    allowed = _require_same(
-        solver, (problem, other), (first, second), "The order of the rows decides: is a row skipped, or never re-added?"
-    )
-    in_first_order = replace(second, multipliers=second.multipliers[np.argsort(index)])
-    require_same_multipliers(
-        solver, problem, (first, in_first_order), allowed, f"after the permutation {index.tolist()}"
+    _require_same(
+        solver,
+        problem,
+        _with_rows(problem, index),
+        "The order of the rows decides: is a row skipped, or never re-added?",
+        lambda answer: replace(answer, multipliers=answer.multipliers[np.argsort(index)]),
+        f"after the permutation {index.tolist()}",
     )
 
 
@@ -55,17 +53,13 @@ def check_row_scaling(solver: DirectionSolver, problem: DirectionProblem, factor
     Source: {d : cᵢJᵢd ≥ cᵢbᵢ} is the same set.
     """
     c = np.asarray(factors, dtype=np.float64)
-    other = varied(problem, jacobian=c[:, None] * problem.jacobian, bound=c * problem.bound)
-    first, second = optimum_of(solver, problem), optimum_of(solver, other)
-    allowed = _require_same(
+    _require_same(
         solver,
-        (problem, other),
-        (first, second),
+        problem,
+        varied(problem, jacobian=c[:, None] * problem.jacobian, bound=c * problem.bound),
         "The lengths of the rows decide: normalise them before any rank decision or comparison of multipliers.",
-    )
-    in_first_unit = replace(second, multipliers=c * second.multipliers)
-    require_same_multipliers(
-        solver, problem, (first, in_first_unit), allowed, f"after the rows' scaling by {c.tolist()}"
+        lambda answer: replace(answer, multipliers=c * answer.multipliers),
+        f"after the rows' scaling by {c.tolist()}",
     )
 
 
@@ -78,16 +72,15 @@ def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: fl
     Source: d ∈ {J d ≥ b} ⇔ c d ∈ {J d ≥ c b}. A problem with a trust region scales its radius too.
     """
     radius = None if problem.radius is None else factor * problem.radius
-    other = varied(problem, gradient=factor * problem.gradient, bound=factor * problem.bound, radius=radius)
-    first, second = optimum_of(solver, problem), optimum_of(solver, other)
-    scaled_back = replace(second, value=second.value / factor, multipliers=second.multipliers / factor)
-    allowed = _require_same(
+    _require_same(
         solver,
-        (problem, problem),
-        (first, scaled_back),
+        problem,
+        varied(problem, gradient=factor * problem.gradient, bound=factor * problem.bound, radius=radius),
         "The direction has a length of its own, or an absolute tolerance: divide by σ = max(‖g‖, |b̂|) before solving.",
+        lambda answer: replace(answer, value=answer.value / factor, multipliers=answer.multipliers / factor),
+        f"after (g, b) times {factor:g}",
+        is_moved=True,
     )
-    require_same_multipliers(solver, problem, (first, scaled_back), allowed, f"after (g, b) times {factor:g}")
 
 
 @law
@@ -96,14 +89,10 @@ def check_duplicate_row(solver: DirectionSolver, problem: DirectionProblem, row:
 
     Source: the set is the same; the multipliers are not unique any more.
     """
-    twice = np.append(np.arange(problem.m), row)
-    other = varied(
-        problem, jacobian=problem.jacobian[twice], bound=problem.bound[twice], equality=problem.equality[twice]
-    )
     _require_same(
         solver,
-        (problem, other),
-        (optimum_of(solver, problem), optimum_of(solver, other)),
+        problem,
+        _with_rows(problem, np.append(np.arange(problem.m), row)),
         "Dependent rows break the factorisation: decide the rank on unit rows, or drop what is implied.",
     )
 
@@ -129,12 +118,8 @@ def check_inactive_row(solver: DirectionSolver, problem: DirectionProblem, row: 
         bound=np.append(problem.bound, new_bound),
         equality=np.append(problem.equality, False),
     )
-    _require_same(
-        solver,
-        (problem, other),
-        (first, optimum_of(solver, other)),
-        "A constraint that is met with room to spare changed the direction: only tight ones may have a multiplier.",
-    )
+    advice = "A constraint that is met with room to spare changed the direction: only tight ones may have a multiplier."
+    _require_same(solver, problem, other, advice, first=first)
 
 
 @law
@@ -149,26 +134,39 @@ def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation:
     if M is not None:
         M = Q @ (np.diag(M) if M.ndim == 1 else M) @ Q.T
         M = 0.5 * (M + M.T)
-    other = varied(problem, gradient=Q @ problem.gradient, jacobian=problem.jacobian @ Q.T, metric=M)
-    first, second = optimum_of(solver, problem), optimum_of(solver, other)
-    turned_back = replace(second, value=Q.T @ second.value)
-    allowed = _require_same(
+    _require_same(
         solver,
-        (problem, problem),
-        (first, turned_back),
+        problem,
+        varied(problem, gradient=Q @ problem.gradient, jacobian=problem.jacobian @ Q.T, metric=M),
         "The coordinates decide: is the metric not the Euclidean one, or clipping done by component?",
+        lambda answer: replace(answer, value=Q.T @ answer.value),
+        "after the rotation",
+        is_moved=True,
     )
-    require_same_multipliers(solver, problem, (first, turned_back), allowed, "after the rotation")
+
+
+def _with_rows(problem: DirectionProblem, index: np.ndarray) -> DirectionProblem:
+    """The constraints of these numbers, in this order."""
+    jacobian, bound, equality = problem.jacobian[index], problem.bound[index], problem.equality[index]
+    return varied(problem, jacobian=jacobian, bound=bound, equality=equality)
 
 
 def _require_same(
-    solver: DirectionSolver,
-    problems: tuple[DirectionProblem, DirectionProblem],
-    answers: tuple[Answer, Answer],
-    advice: str,
-) -> float:
-    """LawBroken unless the two directions agree; what was allowed."""
-    (first, second), epsilon = answers, tolerance_of(solver)
-    allowed = sum(answers_bound(problem, epsilon, first, second) for problem in problems)
-    require_near(problems[0], (first, second), allowed, "‖d − d'‖ of two forms of one problem", advice)
-    return allowed
+    solver: DirectionSolver, problem: DirectionProblem, other: DirectionProblem, advice: str,
+    back: Callable[[Answer], Answer] | None = None, when: str = "", *,
+    is_moved: bool = False, first: Answer | None = None,
+) -> None:  # fmt: skip
+    """LawBroken unless the problem and another form of it have the same direction, and the same multipliers.
+
+    back: from the answer to the other form to that of the problem; None where the other has more multipliers, which are
+    not compared. when: how the message names that form. is_moved: `back` moves d, and both are judged as answers to the
+    problem. first: the answer to the problem, where it is known.
+    """
+    first = first or optimum_of(solver, problem)
+    second = optimum_of(solver, other)
+    second = second if back is None else back(second)
+    forms = (problem, problem if is_moved else other)
+    allowed = sum(answers_bound(form, tolerance_of(solver), first, second) for form in forms)
+    require_near(problem, (first, second), allowed, "‖d − d'‖ of two forms of one problem", advice)
+    if back is not None:
+        require_same_multipliers(solver, problem, (first, second), allowed, when)

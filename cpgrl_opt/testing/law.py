@@ -32,7 +32,13 @@ class Outcome(StrEnum):
 
 
 class LawBroken(AssertionError):  # noqa: N818 - the name says what happened
-    """A solver's answer contradicts a theorem; the message holds the numbers and what to look at."""
+    """A solver's answer contradicts a theorem; the message holds the numbers and what to look at.
+
+    It ends with those of the problem and the answers that follow the message.
+    """
+
+    def __init__(self, message: str, *shown: Any) -> None:
+        super().__init__(message + (describe(*shown) if shown else ""))
 
 
 class NothingClaimed(Exception):  # noqa: N818 - control flow inside a check, not an error
@@ -78,14 +84,11 @@ def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
         said = [facts.supports(problem) for _ in range(2)]
     except Exception as error:
         raise LawBroken(
-            f"supports should say True or False of a valid problem; it raised {type(error).__name__}: {error}"
-            f"{described(problem)}"
+            f"supports should say True or False of a valid problem; it raised {type(error).__name__}: {error}", problem
         ) from error
     if said[0] != said[1]:
-        raise LawBroken(
-            f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
-            f"{described(problem)}"
-        )
+        message = f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
+        raise LawBroken(message, problem)
     return said[0] and (not facts.is_single or is_held_in_single(problem))
 
 
@@ -96,22 +99,30 @@ def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
     """
     if not takes(solver, problem):
         raise NothingClaimed(Outcome.SKIPPED)
+    direction = ask(solver.solve, problem, problem)
+    if is_single(getattr(getattr(direction, "value", None), "dtype", None)) and not is_held_in_single(problem):
+        raise NothingClaimed(Outcome.SKIPPED)
+    return read_answer(problem, direction)
+
+
+def ask(
+    solve: Callable[[Any], Any],
+    argument: Any,
+    problem: DirectionProblem,
+    what: str = "solve should answer a valid problem with a Direction and a Status",
+) -> Any:
+    """solve(argument); LawBroken, which shows the problem, where it raises."""
     try:
-        direction = solver.solve(problem)
+        return solve(argument)
     except Exception as error:
         notes = [f" ({note})" for note in getattr(error, "__notes__", ())]
         if not is_held_in_single(problem):
             notes.append(" (A solver that computes in float32 should say so: dtype = 'float32')")
-        raise LawBroken(
-            f"solve should answer a valid problem with a Direction and a Status; it raised "
-            f"{type(error).__name__}: {error}{''.join(notes)}{described(problem)}"
-        ) from error
-    if is_single(getattr(getattr(direction, "value", None), "dtype", None)) and not is_held_in_single(problem):
-        raise NothingClaimed(Outcome.SKIPPED)
-    return checked_answer(problem, direction)
+        message = f"{what}; it raised {type(error).__name__}: {error}{''.join(notes)}"
+        raise LawBroken(message, problem) from error
 
 
-def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
+def read_answer(problem: DirectionProblem, direction: Any) -> Answer:
     """The parts of a direction; LawBroken where one is missing, not numbers, or of a wrong shape."""
     try:
         value = np.array(direction.value, dtype=np.float64)
@@ -121,17 +132,20 @@ def checked_answer(problem: DirectionProblem, direction: Any) -> Answer:
     except (AttributeError, TypeError, ValueError, KeyError) as error:
         raise LawBroken(
             "solve should return an object with value (n,), multipliers (m,) and status, a cpgrl_opt.Status or its "
-            f"number or name; found {direction!r} ({type(error).__name__}: {error}){described(problem)}"
+            f"number or name; found {direction!r} ({type(error).__name__}: {error})",
+            problem,
         ) from error
     if value.shape != (problem.n,) or multipliers.shape != (problem.m,):
         raise LawBroken(
             f"value and multipliers should have shapes ({problem.n},) and ({problem.m},); "
-            f"found {value.shape} and {multipliers.shape}{described(problem)}"
+            f"found {value.shape} and {multipliers.shape}",
+            problem,
         )
     if status <= Status.INFEASIBLE and not (np.isfinite(value).all() and np.isfinite(multipliers).all()):
         raise LawBroken(
             f"value and multipliers of an answer called {status.name} should be finite; "
-            f"found {value.tolist()} and {multipliers.tolist()}{described(problem)}"
+            f"found {value.tolist()} and {multipliers.tolist()}",
+            problem,
         )
     return Answer(value, multipliers, status, radius_multiplier)
 
@@ -172,9 +186,7 @@ def require_at_most(
 ) -> None:
     """LawBroken unless found ≤ limit; NaN is not."""
     if not found <= limit:
-        raise LawBroken(
-            f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}{described(problem, *answers)}"
-        )
+        raise LawBroken(f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}", problem, *answers)
 
 
 def require_near(
@@ -207,7 +219,7 @@ def whitened(problem: DirectionProblem, direction: np.ndarray) -> np.ndarray:
     return direction if problem.whitening is None else problem.whitening.direction(direction)
 
 
-def described(problem: DirectionProblem, *answers: Answer) -> str:
+def describe(problem: DirectionProblem, *answers: Answer) -> str:
     """The numbers below a message: the problem, then each answer."""
     lines = [
         f"    gradient    {_numbers(problem.gradient)}",

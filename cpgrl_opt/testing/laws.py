@@ -17,8 +17,9 @@ from ..problems.case import ALL_CASES, GEOMETRIES, LIMITS, SHIFTED_CASES, Case
 from ..problems.geometry import HUGE, Make, in_ball, in_metric, out_of_reach
 from ..problems.infeasible import infeasible
 from ..problems.regular import feasible_gradient
+from ..solvers.facts import facts_of
 from ..solvers.interface import DirectionSolver
-from . import conduct, honesty, invariance, neighbours, optimality, projection_laws, sequences, timing
+from . import claims, invariance, optimality, projections, sequences, shared_state, side_effects, timing
 from .domain import domain_of
 from .drawn_source import DrawnSource, made
 from .draws import any_of, are_small, between, integers, orders
@@ -237,6 +238,14 @@ def _problems_of_shape(n: int, m: int, cases: Collection[Case]) -> st.SearchStra
     return direction_problems(n, m, cases=constraints_of(cases))
 
 
+def _has_batch(solver: DirectionSolver) -> bool:
+    return facts_of(solver).has_batch
+
+
+def _has_warm_start(solver: DirectionSolver) -> bool:
+    return facts_of(solver).has_warm_start
+
+
 def _violates_in_part(solver: DirectionSolver) -> bool:
     """Rows that oppose each other, or a ball, can be violated more or less; one zero row is so by every direction."""
     cases = domain_of(solver).cases
@@ -244,7 +253,7 @@ def _violates_in_part(solver: DirectionSolver) -> bool:
 
 
 _TABLE = (
-    Law(honesty.check_claims_are_certified, _hostile, may_decline=True),
+    Law(claims.check_claims_are_certified, _hostile, may_decline=True),
     Law(optimality.check_stationarity, _well_posed),
     Law(optimality.check_primal_feasibility, _well_posed),
     Law(optimality.check_dual_feasibility, _well_posed, (*_WITH_INEQUALITIES, *LIMITS)),
@@ -252,52 +261,52 @@ _TABLE = (
     Law(optimality.check_gradient_kept_when_feasible, _feasible_gradients, (*ALL_CASES, Case.ONE_ROW)),
     Law(optimality.check_zero_only_when_optimal, _well_posed),
     Law(optimality.check_agreement_with_enumeration, _well_posed),
-    Law(projection_laws.check_idempotence, _well_posed, _PROJECTIONS),
-    Law(projection_laws.check_non_expansiveness, _with_gradient, _PROJECTIONS),
-    Law(projection_laws.check_firm_non_expansiveness, _with_gradient, _PROJECTIONS),
-    Law(projection_laws.check_restoration_is_normal, _well_posed, (Case.AFFINE, Case.ONE_ROW)),
-    Law(projection_laws.check_symmetry, _with_gradient, (Case.TANGENT, Case.ONE_ROW)),
+    Law(projections.check_idempotence, _well_posed, _PROJECTIONS),
+    Law(projections.check_non_expansiveness, _with_gradient, _PROJECTIONS),
+    Law(projections.check_firm_non_expansiveness, _with_gradient, _PROJECTIONS),
+    Law(projections.check_restoration_is_normal, _well_posed, (Case.AFFINE, Case.ONE_ROW)),
+    Law(projections.check_symmetry, _with_gradient, (Case.TANGENT, Case.ONE_ROW)),
     Law(invariance.check_permutation, _with_order, _SEVERAL_ROWS),
     Law(invariance.check_row_scaling, _with_factors),
     Law(invariance.check_scaling, _with_factor),
     Law(invariance.check_duplicate_row, _with_index, _SEVERAL_ROWS),
     Law(invariance.check_inactive_row, _with_row, (*_WITH_INEQUALITIES, Case.BALL)),
     Law(invariance.check_rotation, _with_rotation),
-    Law(honesty.check_feasible_is_not_called_infeasible, _well_posed),
+    Law(claims.check_feasible_is_not_called_infeasible, _well_posed),
     Law(
-        honesty.check_infeasible_is_called_infeasible,
+        claims.check_infeasible_is_called_infeasible,
         _infeasible,
         (*SHIFTED_CASES, *GEOMETRIES, *LIMITS),
         about_infeasible=True,
     ),
     Law(
-        honesty.check_least_violation,
+        claims.check_least_violation,
         _infeasible,
         (*SHIFTED_CASES, *GEOMETRIES, *LIMITS),
         needs=_violates_in_part,
         about_infeasible=True,
         part=0.8,
     ),
-    Law(conduct.check_non_finite_is_refused, _with_bad_number),
-    Law(conduct.check_input_is_unchanged, _of_every_kind, may_decline=True),
-    Law(conduct.check_answers_repeat, _two_of_every_kind, may_decline=True),
-    Law(conduct.check_silence, _of_every_kind, may_decline=True),
-    Law(neighbours.check_answers_stay, _two_of_every_kind, may_decline=True),
-    Law(neighbours.check_global_state_is_unchanged, _of_every_kind, may_decline=True),
-    Law(neighbours.check_threads_do_not_meet, _two_of_every_kind, may_decline=True, part=0.3),
+    Law(side_effects.check_non_finite_is_refused, _with_bad_number),
+    Law(side_effects.check_input_is_unchanged, _of_every_kind, may_decline=True),
+    Law(side_effects.check_answers_repeat, _two_of_every_kind, may_decline=True),
+    Law(side_effects.check_silence, _of_every_kind, may_decline=True),
+    Law(shared_state.check_answers_stay, _two_of_every_kind, may_decline=True),
+    Law(shared_state.check_global_state_is_unchanged, _of_every_kind, may_decline=True),
+    Law(shared_state.check_threads_do_not_meet, _two_of_every_kind, may_decline=True, part=0.3),
     Law(timing.check_time_is_in_proportion, _of_every_kind, may_decline=True, costs_time=True),
-    Law(sequences.check_batch_is_loop, _batches, needs=sequences.has_batch, may_decline=True, part=0.4),
+    Law(sequences.check_batch_is_loop, _batches, needs=_has_batch, may_decline=True, part=0.4),
     Law(
         sequences.check_neighbours_change_nothing,
         _with_neighbours,
-        needs=sequences.has_batch,
+        needs=_has_batch,
         may_decline=True,
         part=0.1,
     ),
     Law(
         sequences.check_warm_start_is_cold_start,
         _batches,
-        needs=sequences.has_warm_start,
+        needs=_has_warm_start,
         may_decline=True,
         part=0.4,
     ),

@@ -53,7 +53,7 @@ def changes_since(before: Mapping[str, Any]) -> list[str]:
 
 
 @contextmanager
-def large_state_restored() -> Iterator[None]:
+def restore_generators() -> Iterator[None]:
     """The global generators and the environment are as before afterwards: what takes long to save."""
     python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the caller's
     environment = dict(os.environ)
@@ -68,7 +68,7 @@ def large_state_restored() -> Iterator[None]:
 
 
 @contextmanager
-def restored() -> Iterator[None]:
+def restore_process() -> Iterator[None]:
     """All else that can be put back is put back afterwards."""
     folder, path = os.getcwd(), list(sys.path)
     handlers = [(number, signal.getsignal(number)) for number in _SIGNALS]

@@ -13,9 +13,9 @@ from .law import (
     NothingClaimed,
     Outcome,
     answer_of,
-    checked_answer,
-    described,
+    ask,
     law,
+    read_answer,
     require_near,
     same_bits,
     takes,
@@ -30,18 +30,19 @@ def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionPro
     ‖Δd‖ ≤ 2 · `distance_bound`(ε). Problems of one shape; skipped for a solver without solve_batch.
     Source: runs are independent.
     """
-    if not has_batch(solver) or not all(takes(solver, problem) for problem in problems):
+    if not facts_of(solver).has_batch or not all(takes(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
-    together = _asked(cast(Any, solver).solve_batch, problems)
+    together = _solve_batch(solver, problems)
     if len(together) != len(problems):
         raise LawBroken(f"solve_batch should return {len(problems)} directions; found {len(together)}")
     for k, problem in enumerate(problems):
-        alone, member = answer_of(solver, problem), checked_answer(problem, together[k])
+        alone, member = answer_of(solver, problem), read_answer(problem, together[k])
         if alone.status != member.status:
             raise LawBroken(
                 f"solve_batch(problems)[{k}] should have the status {alone.status.name} that solve(problems[{k}]) has; "
-                f"found {member.status.name}{described(problem, alone, member)}"
-            )
+                f"found {member.status.name}",
+                problem, alone, member,
+            )  # fmt: skip
         _require_same(solver, problem, (alone, member), f"‖solve_batch(problems)[{k}] − solve(problems[{k}])‖")
 
 
@@ -59,17 +60,15 @@ def check_neighbours_change_nothing(
     Source: runs are independent, so that run k is repeated exactly beside other runs.
     """
     batches = [[*beside, problem], [*others, problem]]
-    if not has_batch(solver) or not all(takes(solver, each) for batch in batches for each in batch):
+    if not facts_of(solver).has_batch or not all(takes(solver, each) for batch in batches for each in batch):
         raise NothingClaimed(Outcome.SKIPPED)
-    first, second = (
-        checked_answer(problem, _asked(cast(Any, solver).solve_batch, batch)[len(batch) - 1]) for batch in batches
-    )
+    first, second = (read_answer(problem, _solve_batch(solver, batch)[len(batch) - 1]) for batch in batches)
     if not (same_bits(first, second) and first.radius_multiplier == second.radius_multiplier):
         raise LawBroken(
             "an answer in a batch should not change with its neighbours, not in its last bit; found that it does. "
-            "Scale and stop each problem by its own numbers, not by those of the batch"
-            f"{described(problem, first, second)}"
-        )
+            "Scale and stop each problem by its own numbers, not by those of the batch",
+            problem, first, second,
+        )  # fmt: skip
 
 
 @law
@@ -80,7 +79,7 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
     Problems of one shape; skipped for a solver without such a session.
     Source: the optimum is one wherever one starts.
     """
-    if not has_warm_start(solver) or not all(takes(solver, problem) for problem in problems):
+    if not facts_of(solver).has_warm_start or not all(takes(solver, problem) for problem in problems):
         raise NothingClaimed(Outcome.SKIPPED)
     session: Any = cast(Any, solver).session(problems[0].n, problems[0].m, warm_start=True)
     for k, problem in enumerate(problems):
@@ -88,29 +87,15 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
         if {cold.status, warm.status} == {Status.OPTIMAL, Status.INFEASIBLE}:
             raise LawBroken(
                 f"problem {k} should have one status; found {warm.status.name} from a warm start and "
-                f"{cold.status.name} from a cold one{described(problem, cold, warm)}"
-            )
+                f"{cold.status.name} from a cold one",
+                problem, cold, warm,
+            )  # fmt: skip
         _require_same(solver, problem, (cold, warm), f"‖d − d'‖ of problem {k} from a cold and a warm start")
 
 
-def has_batch(solver: DirectionSolver) -> bool:
-    """Whether the solver has a solve_batch of its own."""
-    return facts_of(solver).has_batch
-
-
-def has_warm_start(solver: DirectionSolver) -> bool:
-    """Whether the solver has a `session` with a setting warm_start."""
-    return facts_of(solver).has_warm_start
-
-
-def _asked(solve_batch: Any, problems: Sequence[DirectionProblem]) -> Any:
-    try:
-        return solve_batch(problems)
-    except Exception as error:
-        raise LawBroken(
-            f"solve_batch should answer {len(problems)} valid problems; it raised {type(error).__name__}: {error}"
-            f"{described(problems[0])}"
-        ) from error
+def _solve_batch(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> Any:
+    what = f"solve_batch should answer {len(problems)} valid problems"
+    return ask(cast(Any, solver).solve_batch, problems, problems[0], what)
 
 
 def _require_same(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
-from .law import LawBroken, NothingClaimed, Outcome, answer_of, described, law, length, takes, varied, whitened
+from .law import LawBroken, NothingClaimed, Outcome, answer_of, law, length, takes, varied, whitened
 
 # A pause of a solver at some problems is a third of a second or so, a stall of a busy machine a tenth; from 0.1 s on it
 # is measured again, so at 0.01 s a stall would cost time, and at 1 s a pause would pass.
@@ -42,8 +42,8 @@ def check_time_is_in_proportion(solver: DirectionSolver, problem: DirectionProbl
             return
     raise LawBroken(
         f"an answer should take at most {limit:.3g} s here, 50 times the median of ordinary problems of this shape; "
-        f"found {least:.3g} s at the least of {_ATTEMPTS} attempts. Is there a pause, a retry or a timeout in its way?"
-        f"{described(problem)}"
+        f"found {least:.3g} s at the least of {_ATTEMPTS} attempts. Is there a pause, a retry or a timeout in its way?",
+        problem,
     )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 from scipy.special import bdtrc
 
@@ -17,7 +17,7 @@ from .examination import Examination, examine
 from .law import LawBroken
 from .laws import LAWS, Law
 from .strategies import Case
-from .subject import get_ready
+from .target import get_ready
 
 # A solver may give up on this part of the problems that float64 determines, and on one in any case.
 MOST_DECLINED = 0.05
@@ -214,25 +214,24 @@ def check_law(
     """
     if isinstance(solver, Isolated):
         solver.begin_with(_get_ready)
+    result = partial(CheckResult, law.name, law.statement)
     tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
     try:
         cases = solver.apply(_cases, law.name) if isinstance(solver, Isolated) else law.applies_to(solver)
         if not cases:
-            return CheckResult(law.name, law.statement, supported=False)
+            return result(supported=False)
     except LawBroken as broken:  # by `supports`, on the first problem that it was asked about
         expected, failed = int(bool(reason)), int(not reason)
-        return CheckResult(
-            law.name, law.statement, run=1, expected=expected, failed=failed, reason=reason, problem=str(broken)
-        )
+        return result(run=1, expected=expected, failed=failed, reason=reason, problem=str(broken))
     found = examine(law, solver, cases, max_examples=max_examples, number=seed)
     problem = found.message or _declined_too_often(law, solver, found)
     if not problem and found.run == 0:
         if law.about_infeasible or found.untaken < found.skipped:  # the law says nothing about any that it takes
-            return CheckResult(law.name, law.statement, skipped=found.skipped, supported=False)
+            return result(skipped=found.skipped, supported=False)
         problem = "no problem was run: `supports` took none of those drawn although it takes such cases."
-    return CheckResult(
-        law.name,
-        law.statement,
+    imports, expression = spelled
+    code = counterexample_code(law, solver, found.arguments, imports=imports, spelled=expression)
+    return result(
         run=found.run,
         declined=found.declined,
         skipped=found.skipped,
@@ -240,7 +239,7 @@ def check_law(
         failed=0 if reason else found.broken,
         reason=reason,
         problem=problem,
-        counterexample=_code(law, solver, found.arguments, spelled) if found.arguments else "",
+        counterexample=code if found.arguments else "",
     )
 
 
@@ -274,11 +273,6 @@ def _is_by_chance(declined: int, run: int) -> bool:
 
 def _must_answer(law: Law) -> bool:
     return not (law.may_decline or law.about_infeasible)
-
-
-def _code(law: Law, solver: DirectionSolver, arguments: dict[str, Any], spelled: Spelled) -> str:
-    imports, expression = spelled
-    return counterexample_code(law, solver, arguments, imports=imports, spelled=expression)
 
 
 def _solver_name(solver: DirectionSolver) -> str:

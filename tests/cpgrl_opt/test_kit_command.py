@@ -15,7 +15,7 @@ from cpgrl_opt.isolation import Isolated
 from cpgrl_opt.testing import LAWS, LawBroken, check_direction_solver
 from cpgrl_opt.testing import command as command_module
 from cpgrl_opt.testing.command import check_target, run_check
-from cpgrl_opt.testing.subject import CannotCheck
+from cpgrl_opt.testing.target import CannotCheck
 from rl.cli import app
 
 SOLVERS_OF_A_USER = '''

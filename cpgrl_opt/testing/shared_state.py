@@ -19,15 +19,15 @@ from .law import (
     NothingClaimed,
     Outcome,
     answer_of,
-    checked_answer,
-    described,
+    ask,
     law,
+    read_answer,
     require_near,
     same_bits,
     takes,
     varied,
 )
-from .process_state import CHANGED_BY_IMPORTS, changes_since, large_state_restored, restored, snapshot
+from .process_state import CHANGED_BY_IMPORTS, changes_since, restore_generators, restore_process, snapshot
 from .sensitivity import answers_bound
 
 _THREADS, _ROUNDS = 4, 1
@@ -61,22 +61,21 @@ def check_threads_do_not_meet(solver: DirectionSolver, problem: DirectionProblem
     if not problems:
         raise NothingClaimed(Outcome.SKIPPED)
     alone = [answer_of(solver, problem) for problem in problems]
-    with restored():
+    with restore_process():
         sys.setswitchinterval(_SWITCH_INTERVAL)
         before = snapshot()
         together = _in_threads(solver, problems)
         changed = changes_since(before)
     for k, answer in together:
         if isinstance(answer, Exception):
-            raise LawBroken(
-                f"solve should answer while other threads solve too; it raised "
-                f"{type(answer).__name__}: {answer}{described(problems[k])}"
-            )
+            message = f"solve should answer while other threads solve too; it raised {type(answer).__name__}: {answer}"
+            raise LawBroken(message, problems[k])
         _require_same(solver, problems[k], alone[k], answer)
     if changed:
         raise LawBroken(
             f"four threads that solve should leave the process as it was; found changed: {', '.join(changed)}. What is "
-            f"swapped and put back by each call is put back in another order by two{described(problems[0])}"
+            "swapped and put back by each call is put back in another order by two",
+            problems[0],
         )
 
 
@@ -88,7 +87,7 @@ def check_global_state_is_unchanged(solver: DirectionSolver, problem: DirectionP
     looked at in the second only. Source: it belongs to the caller, whose random numbers the seed of a solver repeats.
     """
     for call in (0, 1):
-        with large_state_restored(), restored():
+        with restore_generators(), restore_process():
             random.seed(91 + call)
             np.random.seed(91 + call)  # noqa: NPY002 - the caller's, whom the solver must not meet
             before = snapshot()
@@ -97,42 +96,36 @@ def check_global_state_is_unchanged(solver: DirectionSolver, problem: DirectionP
         if changed:
             raise LawBroken(
                 f"solve should leave the process as it was; found changed: {', '.join(changed)}. Use a generator, a "
-                f"context or an option of your own{described(problem)}"
+                "context or an option of your own",
+                problem,
             )
 
 
 def _require_lasting(
-    solver: DirectionSolver, problem: DirectionProblem, between: DirectionProblem, ask: Callable[[Any], Any]
+    solver: DirectionSolver, problem: DirectionProblem, between: DirectionProblem, solve: Callable[[Any], Any]
 ) -> None:
-    kept = _raw(problem, ask)
-    first = checked_answer(problem, kept)
+    kept = ask(solve, problem, problem)
+    first = read_answer(problem, kept)
     if takes(solver, between):
         with suppress(Exception):  # other laws are about what becomes of it
-            ask(between)
-    later = checked_answer(problem, kept)
+            solve(between)
+    later = read_answer(problem, kept)
     if not same_bits(first, later):
         raise LawBroken(
             "an answer should stay as it is when another problem is solved; found that it changed: return copies of "
-            f"what the next call writes to{described(problem, first, later)}"
-        )
+            "what the next call writes to",
+            problem, first, later,
+        )  # fmt: skip
     for array in (kept.value, kept.multipliers):
         if isinstance(array, np.ndarray) and array.flags.writeable:
             array[...] = 77.0
-    again = checked_answer(problem, _raw(problem, ask))
+    again = read_answer(problem, ask(solve, problem, problem))
     if not same_bits(first, again):
         raise LawBroken(
             "what a caller writes into an answer should not come back in the next; found that it did: return copies of "
-            f"what is kept{described(problem, first, again)}"
-        )
-
-
-def _raw(problem: DirectionProblem, ask: Callable[[Any], Any]) -> Any:
-    try:
-        return ask(problem)
-    except Exception as error:
-        raise LawBroken(
-            f"solve should answer; it raised {type(error).__name__}: {error}{described(problem)}"
-        ) from error
+            "what is kept",
+            problem, first, again,
+        )  # fmt: skip
 
 
 def _in_threads(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> list[tuple[int, Answer | Exception]]:
@@ -145,7 +138,7 @@ def _in_threads(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -
         for step in range(_ROUNDS * len(problems)):
             k = (number + step) % len(problems)
             try:
-                answers.append((k, checked_answer(problems[k], solver.solve(problems[k]))))
+                answers.append((k, read_answer(problems[k], solver.solve(problems[k]))))
             except Exception as error:
                 answers.append((k, error))
 
@@ -155,7 +148,7 @@ def _in_threads(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -
     for thread in threads:
         thread.join(_LONGEST_WAIT)
         if thread.is_alive():
-            raise LawBroken(f"four threads should all come back; found one that waits{described(problems[0])}")
+            raise LawBroken("four threads should all come back; found one that waits", problems[0])
     return answers
 
 
@@ -164,10 +157,8 @@ def _require_same(solver: DirectionSolver, problem: DirectionProblem, alone: Ans
         return
     advice = "Keep what a call works with in that call: threads share the solver's attributes and module's globals."
     if alone.status != answer.status:
-        raise LawBroken(
-            f"solve should say {alone.status.name} in a thread too; found {answer.status.name}. {advice}"
-            f"{described(problem, alone, answer)}"
-        )
+        message = f"solve should say {alone.status.name} in a thread too; found {answer.status.name}. {advice}"
+        raise LawBroken(message, problem, alone, answer)
     if alone.status == Status.OPTIMAL:
         allowed = 2 * answers_bound(problem, tolerance_of(solver), alone, answer)
         require_near(problem, (alone, answer), allowed, "‖d − d'‖ of one thread and of four", advice)

@@ -19,9 +19,8 @@ from .law import (
     NothingClaimed,
     Outcome,
     answer_of,
-    checked_answer,
-    described,
     law,
+    read_answer,
     same_bits,
     takes,
     varied,
@@ -45,19 +44,20 @@ def check_non_finite_is_refused(
     forged = writable_copy(problem)
     getattr(forged, where).flat[0] = value
     try:
-        status = checked_answer(problem, solver.solve(forged)).status
+        status = read_answer(problem, solver.solve(forged)).status
     except ValueError:
         return
     except LawBroken:
         raise
     except Exception as error:
         raise LawBroken(
-            f"{value} in {where} should raise ValueError; found {type(error).__name__}: {error}{described(forged)}"
+            f"{value} in {where} should raise ValueError; found {type(error).__name__}: {error}", forged
         ) from error
     if status in (Status.OPTIMAL, Status.INFEASIBLE):
         raise LawBroken(
             f"{value} in {where} should raise ValueError; found the status {status.name}. Check the input for what is "
-            f"not finite, or let kkt_residuals judge the answer{described(forged)}"
+            "not finite, or let kkt_residuals judge the answer",
+            forged,
         )
 
 
@@ -74,7 +74,8 @@ def check_input_is_unchanged(solver: DirectionSolver, problem: DirectionProblem)
         if before is not None and before.tobytes() != after.tobytes():
             raise LawBroken(
                 f"solve should leave problem.{name} as it is; found {after.tolist()} where {before.tolist()} was. "
-                f"Work on a copy{described(problem)}"
+                "Work on a copy",
+                problem,
             )
 
 
@@ -93,9 +94,9 @@ def check_answers_repeat(solver: DirectionSolver, problem: DirectionProblem, bet
     if not same_bits(first, again):
         raise LawBroken(
             "the same problem should give the same answer after another one was solved in between; found two. Warm "
-            "starts, active sets and random streams that live on between calls should be explicit objects"
-            f"{described(problem, first, again)}"
-        )
+            "starts, active sets and random streams that live on between calls should be explicit objects",
+            problem, first, again,
+        )  # fmt: skip
 
 
 @law
@@ -109,7 +110,8 @@ def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
     if noise:
         raise LawBroken(
             f"solve should print nothing; found {''.join(noise)[:300]!r}. Switch output off through the back end's own "
-            f"options{described(problem)}"
+            "options",
+            problem,
         )
 
 

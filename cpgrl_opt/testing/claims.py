@@ -15,7 +15,6 @@ from .law import (
     NothingClaimed,
     Outcome,
     answer_of,
-    described,
     law,
     length,
     nothing_claimed,
@@ -60,7 +59,9 @@ def check_feasible_is_not_called_infeasible(solver: DirectionSolver, problem: Di
     if answer.status == Status.INFEASIBLE:
         raise LawBroken(
             "the problem has a feasible direction and should not be INFEASIBLE: INFEASIBLE needs a Farkas vector "
-            f"(y ≥ 0 on I, Jᵀy = 0, bᵀy > 0), and there is none{described(problem, answer)}"
+            "(y ≥ 0 on I, Jᵀy = 0, bᵀy > 0), and there is none",
+            problem,
+            answer,
         )
     if answer.status != Status.OPTIMAL:
         raise nothing_claimed(answer)
@@ -189,7 +190,9 @@ def _infeasible(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
     if answer.status == Status.OPTIMAL:
         raise LawBroken(
             "no direction meets the constraints, so OPTIMAL is wrong: check every constraint of the answer against "
-            f"its bound, and return INFEASIBLE with a Farkas vector{described(problem, answer)}"
+            "its bound, and return INFEASIBLE with a Farkas vector",
+            problem,
+            answer,
         )
     if answer.status != Status.INFEASIBLE:
         raise nothing_claimed(answer)
