@@ -5,7 +5,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import Phase, find, given, seed, settings
+from hypothesis import find, given, settings
 from hypothesis import strategies as st
 
 from cpgrl_opt import SOLVERS, DirectionProblem, Status, farkas_residual
@@ -25,7 +25,9 @@ from cpgrl_opt.testing import (
     problems_out_of_reach,
     well_posed_problems,
 )
+from cpgrl_opt.testing.examination import _Draws, _traceless
 from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.strategies import ALL_CASES
 
 ACTIVE_SET, ORACLE = SOLVERS["active-set"], SOLVERS["enumeration"]
 FEW = settings(max_examples=20)
@@ -82,19 +84,16 @@ def test_a_nearly_opposing_pair_has_the_angle_asked_for(problem):
     assert any(0.9e-7 <= distance <= 0.11 for distance in apart)
 
 
-def test_most_problems_have_something_to_decide():
-    """g is feasible in a quarter of them; mutated draws once made it vanish in half of all."""
+def test_most_problems_of_a_run_have_something_to_decide():
+    """g is feasible in a quarter of them; where Hypothesis varies draws as it likes it is so in 40 %."""
+    with _traceless():
+        drawn = _Draws(LAWS["check_stationarity"].arguments, ALL_CASES, 200, 0)._kept()
     conflicts = []
-
-    @seed(0)
-    @settings(max_examples=200, database=None, phases=[Phase.generate])
-    @given(well_posed_problems())
-    def count(problem):
+    for problem in (arguments["problem"] for arguments in drawn):
         lack = problem.bound - problem.jacobian @ problem.gradient
         conflicts.append(np.where(problem.equality, lack != 0, lack > 0).any())
-
-    count()
-    assert np.mean(conflicts) > 0.6
+    # Eight seeds gave 0.73 to 0.81, and 0.53 to 0.78 without the list of one that keeps Hypothesis from varying.
+    assert np.mean(conflicts) > 0.7
 
 
 def test_shrinking_ends_at_numbers_that_fit_on_a_slip_of_paper():
