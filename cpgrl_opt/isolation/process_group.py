@@ -38,8 +38,8 @@ class ProcessGroup:
 
     def __init__(self, command: Sequence[str], **settings: Any) -> None:
         self._lock = threading.Lock()
+        self._lifeline: int | None = None  # before a fork in another thread may ask for it
         _GROUPS.add(self)
-        self._lifeline: int | None = None
         if not _HAS_GROUPS:
             self.process: Popen[bytes] = Popen(command, **settings)
             return

@@ -53,7 +53,8 @@ def constrain(
     thresholds : (m,) upper limits of costs, lower limits of rewards; `update` takes others as `thresholds`.
     kind : "cost", whose values should be ≤ thresholds, or "reward", ≥.
     metric : a function of the optimiser's state that returns H, a tree of positive arrays as the parameters are; by
-        default the optimiser's own, √v̂ + eps where it is Adam or its like, else the identity.
+        default the optimiser's own, √v̂ + eps where it is Adam or its like, else the identity. optax's state keeps
+        neither β₂ nor eps, so its defaults are taken: give a metric where yours are others, or with several optimisers.
     path : as of `constrained_direction`.
 
     Returns

@@ -53,7 +53,8 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
     gather : where each process has a part of the parameters of one model, as of `constrained_backward`.
 
     Where nothing is certified the parameters stay, and where nothing meets the constraints they are violated least;
-    `info.status` says so. The optimiser's moments are those of the objective's gradient alone.
+    `info.status` says so. The optimiser's moments are those of the objective's gradient alone. What rounding to the
+    parameters' dtype adds, up to half a unit in the last place of each, stands in no number of `info`.
     """
 
     def __init__(
@@ -112,7 +113,8 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         """The optimiser's step, projected; returns what the optimiser returns.
 
         ValueError where `constrain` was not called before, or by the closure, and where a gradient or the proposal is
-        not finite; DirectionError if `step.on_failure` says so. Then the parameters are what they were.
+        not finite; DirectionError if `step.on_failure` says so. Then the parameters are what they were; the optimiser's
+        moments may know the step's gradient, which is finite.
         """
         self._keeps_first = closure is not None
         if closure is None:
@@ -120,6 +122,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
             self._require_finite([each.grad for each in self._parameters()], "gradients of the objective")
         else:
             self._asked = None
+            closure = self._checked(closure)
         before = {id(each): each.detach().clone() for each in self._parameters()}
         try:
             loss = self.optimizer.step(closure)
@@ -151,6 +154,16 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
                 proposal.replace(result.change)
         self.info = describe(result, slack, channels.names)
         self._previous = self.info.previous
+
+    def _checked(self, closure: Callable[[], Any]) -> Callable[[], Any]:
+        """The closure, which ends where a gradient is not finite: NaN would stay in the optimiser's moments."""
+
+        def evaluate() -> Any:
+            loss = closure()
+            self._require_finite([each.grad for each in self._parameters()], "gradients of the objective")
+            return loss
+
+        return evaluate
 
     def _moves(self, before: dict[int, Any]) -> Iterator[Move]:
         """Of the parameters that the optimiser's rates let move."""

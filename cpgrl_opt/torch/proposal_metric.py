@@ -21,7 +21,7 @@ def metric_of(optimizer: Any, group: Any, parameter: Any) -> Any:
     """
     rate, state = float(group.get("lr", 1.0)), optimizer.state.get(parameter) or {}
     for kind, denominator in _DENOMINATORS.items():
-        if isinstance(optimizer, kind) and state:
+        if isinstance(optimizer, kind) and float(state.get("step", 0)) > 0.0:  # Adagrad has a state from the start
             found = denominator(group, state)
             return found.clamp_(min=_LEAST).div_(rate)
     return 1.0 / rate

@@ -274,3 +274,34 @@ def test_a_constraint_that_is_not_finite_is_named() -> None:
     costs = {"fine": task.costs()[0], "broken": task.costs()[1] * np.nan}
     with pytest.raises(ValueError, match=r"constraints\['broken'\] should have a finite gradient"):
         optimizer.constrain(costs, values=[0.0, 0.0], thresholds=[0.0, 0.0])
+
+
+@pytest.mark.parametrize("name", ["Adam", "foreach", "NAdam", "Adamax", "RMSprop", "Adagrad"])
+def test_a_closure_that_once_gives_nan_does_not_stay_in_the_moments(name: str) -> None:
+    task, losses = Task(0, torch.float64), [float("nan"), 1.0]
+    optimizer = ConstrainedOptimizer(OPTIMIZERS[name](task.parameters), FORMULATIONS["linearized"])
+
+    def closure() -> Any:
+        optimizer.zero_grad()
+        optimizer.constrain(task.costs(), thresholds=task.thresholds)
+        loss = losses.pop(0) * task.loss()
+        loss.backward()
+        return loss
+
+    with pytest.raises(ValueError, match="finite"):
+        optimizer.step(closure)
+    before = task.numbers()
+    optimizer.step(closure)
+    assert np.isfinite(task.numbers()).all()
+    assert (task.numbers() != before).any()
+
+
+@pytest.mark.parametrize("name", ["SGD", "Adam", "NAdam", "Adamax", "RMSprop", "Adagrad"])
+def test_what_only_a_constraint_reaches_has_the_rates_metric(name: str) -> None:
+    """1e-6 of a parameter helps a constraint: where its H were eps/lr the whole correction would go there."""
+    p, q = (torch.nn.Parameter(torch.tensor([start], dtype=torch.float64)) for start in (1.0, 0.0))
+    optimizer = ConstrainedOptimizer(OPTIMIZERS[name]([p, q]), ConstrainedStep(formulation="linearized", step_size=1.0))
+    optimizer.constrain([(p + 1e-6 * q).sum()], thresholds=[0.5])
+    (p - 3.0).square().sum().backward()
+    optimizer.step()
+    assert abs(float(q.detach())) < 1e-4
