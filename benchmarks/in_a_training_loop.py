@@ -15,9 +15,10 @@ new episodes, violations in units of the threshold. Times are CPU times from the
         [--out benchmarks/results]
 
 Limitations: one small task, made up for this page, and a short training. Six settings on two seeds are few; task and
-grids were chosen by us, after a trial on one of the tuning seeds. TorchJD is meant for several losses and has no
-thresholds: it gets a cost's violation as a loss. Cooper is meant for long training, in which multipliers settle. Lines
-are counted in code of ours. The last policy is judged, not the best on the way.
+grids were chosen by us, after a trial on one of the tuning seeds, and some choices lie at the edge of a grid. TorchJD
+is meant for several losses and has no thresholds: it gets a cost's violation as a loss. Cooper is meant for long
+training, in which multipliers settle. Lines are counted in code of ours. The last policy is judged, not the best on the
+way.
 """
 
 import importlib.util

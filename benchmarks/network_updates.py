@@ -12,7 +12,8 @@ forward pass is in all times. Where Adam is named, its step is in it too.
         [--constraints 1,5,31] [--repetitions 3] [--out benchmarks/results]
 
 Limitations: one machine, one thread, no accelerator, one kind of network, whose graph is small. TorchJD solves another
-problem (no thresholds, the mean of all rows), once as it comes and once with its settings that spare memory.
+problem (no thresholds, the mean of all rows), once as it comes and once with its settings that spare memory; these
+spare nothing here, where most parameters are in one tensor.
 """
 
 import importlib.util
