@@ -63,7 +63,7 @@ def _solve(settings: Settings, sign: Any, values: Any, leaves: list[Any], limits
     signs = jnp.where(jnp.arange(len(values)) == 0, -1.0, sign)[:, None]
     ascent = [leaf * signs.astype(leaf.dtype) for leaf in leaves]
     slack = sign * (values[1:] - limits)
-    found = stop(answer(settings, ascent, slack), jnp.isfinite(values).all())
+    found = stop(answer(settings, ascent, slack), jnp.isfinite(values).all() & jnp.isfinite(slack).all())
     gain = gain_of([leaf[1:] for leaf in ascent], found.d)
     info = describe(settings, found, slack, float(settings.step.step_size) * gain)  # type: ignore[arg-type]
     return found.d, info

@@ -56,7 +56,8 @@ def gain_of(rows: list[Any], d: list[Any]) -> Any:
 
 
 def stop(found: Answer, is_finite: Any) -> Answer:
-    """The same, or NUMERICAL_ERROR and zeros where something else is not finite."""
+    """The same, or NUMERICAL_ERROR and zeros where something else, or a multiplier in this float, is not finite."""
+    is_finite &= jnp.isfinite(found.multipliers).all()
     status = jnp.where(is_finite, found.status, Status.NUMERICAL_ERROR)
     is_answer = status <= Status.INFEASIBLE
     d = [jnp.where(is_answer, leaf, 0) for leaf in found.d]

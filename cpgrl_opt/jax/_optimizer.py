@@ -81,6 +81,8 @@ def constrain(
     if not settings.is_one_problem:
         raise ValueError(f"formulation of step should be restoring or linearized; found {step.formulation!r}")
     limits = real_vector("thresholds", thresholds)
+    if not isinstance(limits, jax.core.Tracer) and not jnp.isfinite(limits).all():
+        raise ValueError(f"thresholds should be finite; found {limits}")
     m, inner = len(limits), optax.with_extra_args_support(optimizer)
 
     def init(params: Any) -> ConstrainState:
@@ -111,7 +113,7 @@ def constrain(
             for part, row, root in zip(own, rows, roots, strict=True)
         ]
         found = answer(settings, white, slack)
-        found = stop(found, jnp.stack([jnp.isfinite(part).all() for part in own]).all())
+        found = stop(found, jnp.stack([jnp.isfinite(part).all() for part in [slack, *own]]).all())
         is_finite = found.status != Status.NUMERICAL_ERROR  # else H may be none either
         moves = [jnp.where(is_finite, part / root, 0.0) for part, root in zip(found.d, roots, strict=True)]
         change = [part.astype(like.dtype) for part, like in zip(moves, own, strict=True)]

@@ -11,7 +11,7 @@ def read_parameters(parameters: Any) -> list[Any]:
 
     Parameters
     ----------
-    parameters : what optimisers of PyTorch take: tensors, or groups of them, dicts with "params".
+    parameters : what optimisers of PyTorch take: tensors, named or not, or groups of them, dicts with "params".
 
     Raises
     ------
@@ -41,6 +41,8 @@ def _tensors_in(parameters: Any) -> Iterator[Any]:
     for each in parameters:
         if isinstance(each, dict) and "params" in each:
             yield from _tensors_in(each["params"])
+        elif isinstance(each, tuple) and len(each) == 2 and isinstance(each[0], str):  # of named_parameters()
+            yield from _tensors_in(each[1])
         elif isinstance(each, torch.Tensor):
             yield each
         else:

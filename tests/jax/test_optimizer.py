@@ -108,9 +108,16 @@ def test_what_is_not_finite_moves_nothing_and_the_optimiser_forgets_it() -> None
     optimizer = constrain(optax.adam(0.1), STEPS["restoring"], [0.0])
     params = tree(np.zeros(N))
     before = optimizer.init(params)
-    bad = np.full(N, np.nan)
-    for g, row in ((bad, np.ones(N)), (np.ones(N), bad)):
-        rows = {"constraint_values": np.ones(1), "constraint_gradients": tree(row[None])}
+    bad, good = np.full(N, np.nan), np.ones(N)
+    one, none = np.ones(1), np.full(1, np.nan)
+    for g, row, cost, limit in (
+        (bad, good, one, one),
+        (good, bad, one, one),
+        (good, good, none, one),
+        (good, good, one, none),
+        (good, good, -np.inf * one, one),
+    ):
+        rows = {"constraint_values": cost, "constraint_gradients": tree(row[None]), "thresholds": limit}
         change, state = optimizer.update(tree(g), before, params, **rows)
         assert state.info.status == Status.NUMERICAL_ERROR
         assert not flat(change).any()
@@ -124,6 +131,7 @@ def test_what_is_not_finite_moves_nothing_and_the_optimiser_forgets_it() -> None
         ("step should have no radius", {"step": ConstrainedStep(formulation="restoring", radius=1.0)}),
         ("formulation of step should be restoring or linearized; found 'cone'", {"path": "host", "step": CONE}),
         ("metric should be a function of the optimiser's state; found 3", {"metric": 3}),
+        ("thresholds should be finite", {"thresholds": [np.nan]}),
         ("metric should return a tree as the parameters are", {"metric": lambda _: [1.0]}),
         ("constraint_values should have shape", {"constraint_values": np.zeros(2)}),
         ("constraint_gradients should have the structure and shapes", {"constraint_gradients": np.zeros((1, N))}),

@@ -127,6 +127,19 @@ def test_nothing_is_nan_under_jit_and_outside_it_is_an_error(scan: Any) -> None:
             direct(values[k], V[k], given[2][k])
 
 
+@pytest.mark.parametrize("path", ["device", "host"])
+def test_no_constraint_is_left_out_for_a_number_that_is_none(path: str) -> None:
+    """In `restoring` a slack that is NaN is not ≤ 0, so that the constraint would be off."""
+    step, V = ConstrainedStep(formulation="restoring"), np.array([[1.0, 0.0], [-1.0, 1.0]])
+    move = jax.jit(lambda values, limits: constrained_direction(values, V, limits, step, path=path))
+    for values, limits in (([0.0, 1.0], [np.nan]), ([0.0, np.nan], [0.0]), ([0.0, -np.inf], [0.0])):
+        gradient, info = move(np.array(values), np.array(limits))
+        assert info.status == Status.NUMERICAL_ERROR
+        assert not np.asarray(gradient).any()
+        with pytest.raises(ValueError, match="finite"):
+            constrained_direction(values, V, limits, step, path=path)
+
+
 def test_what_float64_cannot_tell_is_uncertified_and_moves_nothing(scan: Any) -> None:
     """Rows 1e-9 rad from opposing: met at 1e9 times the bounds, which the Gramian does not know."""
     V = np.zeros((3, N))
