@@ -184,3 +184,15 @@ def test_compiled_code_may_surround_it(net: Any, batch: Any) -> None:
         warnings.simplefilter("ignore")  # what the compiler says of itself
         assert torch.compile(train, backend="aot_eager")(batch).item() == pytest.approx(plain)
     np.testing.assert_allclose(flat_grad(net), expected, atol=1e-14)
+
+
+def test_parameters_are_taken_as_optimisers_take_them(net: Any, batch: Any) -> None:
+    """Tensors, named ones, and groups of both."""
+    step, grads = ConstrainedStep(formulation="linearized"), []
+    for given in (net.parameters(), net.named_parameters(), [{"params": net.named_parameters(), "lr": 0.1}]):
+        net.zero_grad()
+        out = net(batch).square().mean(dim=0)
+        constrained_backward(out[0], [out[1]], thresholds=[0.0], parameters=given, step=step)
+        grads.append([each.grad for each in net.parameters()])
+    for other in grads[1:]:
+        assert all(a is b is None or torch.equal(a, b) for a, b in zip(grads[0], other, strict=True))
