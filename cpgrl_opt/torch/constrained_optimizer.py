@@ -106,7 +106,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         require_finite("values", found)
         if not (self._keeps_first and self._asked is not None):
             gradients = [{id(moving[k]): part for k, part in zip(places, row, strict=True)} for row in rows]
-            self._asked = _Asked(channels, found, gradients)
+            self._asked = _Asked(replace(channels, constraints=[]), found, gradients)  # their graphs need not stay
 
     @run_uncompiled
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
