@@ -118,11 +118,12 @@ def quick(seed):
 
 @pytest.mark.skipif(os.name == "nt", reason="sends signals to a process group")
 @pytest.mark.parametrize(
-    ("signals", "code"),
-    [([signal.SIGINT], 130), ([signal.SIGTERM, signal.SIGTERM], 143), ([signal.SIGKILL], -9)],
+    ("signals", "codes"),
+    # The second SIGTERM may come when Python has taken its own handlers down: then it ends the process by itself.
+    [([signal.SIGINT], {130}), ([signal.SIGTERM, signal.SIGTERM], {143, -15}), ([signal.SIGKILL], {-9})],
     ids=["Ctrl-C", "SIGTERM twice", "SIGKILL"],
 )
-def test_what_ended_survives_and_no_worker_does(signals, code, tmp_path, start_cpgrl, monkeypatch):
+def test_what_ended_survives_and_no_worker_does(signals, codes, tmp_path, start_cpgrl, monkeypatch):
     (tmp_path / "quick_of_a_test.py").write_text(QUICK, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     process = start_cpgrl("sweep", "quick_of_a_test:quick", "--seeds", 10_000, "--jobs", 2, "--out", tmp_path)
@@ -138,8 +139,8 @@ def test_what_ended_survives_and_no_worker_does(signals, code, tmp_path, start_c
             process.send_signal(number)
         time.sleep(0.05)
     _, errors = process.communicate(timeout=120)  # waits until nobody holds the pipe: the workers are gone
-    assert process.returncode == code, errors
-    assert errors.count("Interrupted.") == (code > 0)
+    assert process.returncode in codes, errors
+    assert errors.count("Interrupted.") == (-9 not in codes)
     assert "Traceback" not in errors
     ended = outcomes.read_bytes().count(b"\n")
     monkeypatch.syspath_prepend(str(tmp_path))
