@@ -33,7 +33,7 @@ def describe(value: Any, depth: int = _DEEP) -> Any:
         return _array(value)
     if hasattr(value, "__qualname__"):
         return f"{value.__module__}.{value.__qualname__}"
-    if depth == 0:  # whoever holds himself has no end
+    if depth == 0:  # an object that holds itself would never end
         return _name(value)
     if isinstance(value, (tuple, list)):
         return [describe(part, depth - 1) for part in value]

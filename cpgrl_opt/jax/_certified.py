@@ -5,8 +5,8 @@
     UNCERTIFIED      neither could be shown in this float; d = 0
     NUMERICAL_ERROR  a number was NaN or infinite, or d leaves its float; d = 0
 
-One loop goes through the stages, most often through the first alone, so that a projection is compiled once; under
-`vmap` all wait for the one that has most of them.
+One loop runs all stages, so that the projection is compiled once. Most problems need the first stage only; under
+`vmap` a batch takes as long as its slowest problem.
 """
 
 from collections.abc import Sequence

@@ -21,8 +21,9 @@ from ._host import solve_on_host
 from ._rows import add, read_channels
 from ._settings import Settings
 
-# Of a Cholesky pivot of unit rows, squared: with less rows are one but for rounding, and the derivative is all noise.
-_LEAST_PIVOT = 1e-3
+# Least diagonal entry of the Cholesky factor of unit rows, in √eps. Rounding alone leaves about √eps where rows depend:
+# below 8 of it a derivative may be noise, with 80 rows 1e-6 rad apart, whose derivative is right, would have none.
+_LEAST_PIVOT = 8.0
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -45,7 +46,7 @@ def _differentiate(settings: Settings, given: Any, moves: Any) -> tuple[Answer, 
     wide = rows.norms.dtype
     active = (found.multipliers > 0.0) & (found.status == Status.OPTIMAL)
     factor = jnp.linalg.cholesky(jnp.where(active & active[:, None], rows.gramian, jnp.eye(len(active), dtype=wide)))
-    is_apart = (jnp.diagonal(factor) > _LEAST_PIVOT * jnp.finfo(wide).eps ** 0.25).all()
+    is_apart = (jnp.diagonal(factor) > _LEAST_PIVOT * jnp.finfo(wide).eps ** 0.5).all()
     is_sure = is_apart & (found.status == Status.OPTIMAL)
     factor = jnp.where(is_sure, factor, jnp.eye(len(active), dtype=wide))
 

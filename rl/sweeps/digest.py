@@ -57,7 +57,10 @@ def _indescribable(where: str, found: str) -> ValueError:
 
 
 class _Digest:
-    """Words under way; seen: of each object met, by its id, the how manyth it was, and itself, so that it stays."""
+    """A digest under way.
+
+    seen: id → (number, object) of each object met so far, in order; holding the object keeps its id from being reused.
+    """
 
     def __init__(self, seen: dict[int, tuple[int, Any]]) -> None:
         self.hash, self.seen = hashlib.sha256(), seen

@@ -57,7 +57,7 @@ class Store:
             self.found[outcome.key] = outcome
 
     def add(self, outcome: Outcome) -> None:
-        """Keeps it, on the disk when this returns."""
+        """Writes it to the file: it outlives a killed process, though not a power cut."""
         if outcome.error:
             return
         self.found[outcome.key] = outcome
