@@ -71,15 +71,6 @@ def test_units_of_the_rewards_do_not_matter():
     np.testing.assert_allclose(optimum.multipliers, plain.multipliers * unit[0] / unit[1:], rtol=1e-9)
 
 
-def test_states_that_are_never_visited_get_the_uniform_policy():
-    # State 0 is left for ever, the other is where all time is spent.
-    mdp = TabularMDP(np.broadcast_to([0.0, 1.0], (2, 4, 2)), [np.arange(8.0).reshape(2, 4)])
-    optimum = mdp.constrained_optimum([])
-    assert optimum.policy.tolist() == [[0.25] * 4, [0, 0, 0, 1]]
-    assert optimum.occupancy.tolist() == [[0] * 4, [0, 0, 0, 1]]
-    assert optimum.values.tolist() == [7]
-
-
 @settings(max_examples=20)
 @given(st.integers(0, 2**32), st.integers(1, 3))
 def test_infeasible_thresholds_name_the_least_violation(seed, m):

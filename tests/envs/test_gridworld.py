@@ -49,15 +49,6 @@ def test_the_averages_are_the_shares_of_time(world, seed):
     np.testing.assert_allclose(world.average_rewards(policy), expected, atol=1e-15)
 
 
-def test_a_wall_and_the_edge_hold_the_agent():
-    world = GridWorld(["S#", ".G"], slip=0.0)
-    north, east, south, west = np.eye(4, dtype=int)
-    start, below = np.eye(3)[[0, 1]]
-    outcomes = world.transitions[0]
-    for action, outcome in ((north, start), (east, start), (south, below), (west, start)):
-        np.testing.assert_array_equal(action @ outcomes, outcome)
-
-
 def test_slipping_turns_the_move_by_a_right_angle():
     world = GridWorld(["...", ".S.", "..G"], slip=0.2)
     chances = np.zeros((3, 3))

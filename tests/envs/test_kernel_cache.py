@@ -22,12 +22,9 @@ def cached(folder):
     return {path.name for path in (folder / "__pycache__").iterdir()}
 
 
-def test_only_what_is_older_than_a_source_is_forgotten(folder):
+def test_only_what_is_older_than_a_source_is_forgotten_wherever_that_is(folder, tmp_path_factory):
     forget_outdated_kernels([folder], [folder / "helper.py"])
     assert cached(folder) == {"entry.nbi"}
-
-
-def test_a_source_in_another_folder_counts_too(folder, tmp_path_factory):
     helper = tmp_path_factory.mktemp("elsewhere") / "helper.py"
     helper.write_text("", encoding="utf-8")
     forget_outdated_kernels([folder], [folder / "helper.py", helper])

@@ -29,10 +29,6 @@ def test_two_states_follow_the_closed_form_even_where_they_hardly_mix():
         np.testing.assert_allclose(stationary_distribution(P), [1 - share, share], rtol=1e-14)
 
 
-def test_a_periodic_chain_spends_equal_time_around_its_cycle():
-    np.testing.assert_allclose(stationary_distribution(np.roll(np.eye(5), 1, axis=1)), np.full(5, 0.2), rtol=1e-14)
-
-
 def test_transient_states_get_exactly_nothing():
     P = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.3, 0.7], [0, 0, 0, 1.0], [0, 0, 1.0, 0]])
     assert recurrent_states(P).tolist() == [False, False, True, True]

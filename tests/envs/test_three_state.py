@@ -34,13 +34,6 @@ def test_the_constrained_optimum_is_the_first_action_everywhere(slip):
     np.testing.assert_allclose(optimum.policy, [[1, 0, 0]] * 3, atol=1e-12)
 
 
-def test_the_unconstrained_optimum_violates_the_third_reward():
-    # What SUM learns (docs/reproduction.md §2): 1.71, 0.74, −0.74, 0 with what exploration is left.
-    optimum = ThreeStateMDP().constrained_optimum([-np.inf] * 3)
-    np.testing.assert_allclose(optimum.values, [1.73, 0.73, -0.73, 0], atol=1e-12)
-    assert optimum.policy.argmax(axis=1).tolist() == [0, 2, 0]
-
-
 def test_constants_are_arguments():
     mdp = ThreeStateMDP(slip=0.0, rewards=np.ones((2, 3, 3)), start=2)
     assert (mdp.slip, mdp.start, mdp.reward_channels) == (0.0, 2, 2)

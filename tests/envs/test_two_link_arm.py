@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from envs import ArmObject, ContinuousEnvironment, FiniteEnvironment, TwoLinkArm, random_state
+from envs import ArmObject, TwoLinkArm, random_state
 
 FAR = (ArmObject("far", (9.0, 9.0)),)
 WIDE = ((-3.0, 3.0), (-3.0, 3.0))
@@ -43,28 +43,17 @@ def at(point, **constants):
 # Kinematics
 
 
-@pytest.mark.parametrize(
-    ("angles", "point"),
-    [
-        ((0, 0), (5, 0)),  # stretched along x
+def test_the_end_effector_is_where_the_closed_form_says():
+    arm = TwoLinkArm(link_lengths=(3.0, 2.0))
+    for angles, point in (
         ((0, math.pi / 2), (3, 2)),  # a right angle at the elbow
         ((0, math.pi), (1, 0)),  # folded back
         ((math.pi / 3, math.pi / 3), (3 / 2 - 1, 3 * math.sqrt(3) / 2 + math.sqrt(3))),
-    ],
-)
-def test_the_end_effector_is_where_the_closed_form_says(angles, point):
-    arm = TwoLinkArm(link_lengths=(3.0, 2.0))
-    np.testing.assert_allclose(arm.forward_kinematics(angles), point, atol=1e-15)
-
-
-def test_the_mesh_spans_what_the_joints_reach():
+    ):
+        np.testing.assert_allclose(arm.forward_kinematics(angles), point, atol=1e-15)
     arm = TwoLinkArm()
-    low, high = arm.stops
-    mesh = arm.reachable_mesh(9)
-    assert mesh.shape == (9, 9, 2)
-    np.testing.assert_allclose(mesh[0, -1], arm.forward_kinematics([low[0], high[1]]), atol=1e-15)
-    np.testing.assert_allclose(mesh[-1, 0], arm.forward_kinematics([high[0], low[1]]), atol=1e-15)
-    np.testing.assert_allclose(mesh[4, 4], arm.forward_kinematics((low + high) / 2), atol=1e-14)
+    mesh, (low, high) = arm.reachable_mesh(2), arm.stops
+    np.testing.assert_allclose(mesh[0, 1], arm.forward_kinematics([low[0], high[1]]), atol=1e-15)
     inner = arm.reachable_mesh(2, within="box")
     np.testing.assert_allclose(inner[1, 0], arm.forward_kinematics([math.pi / 2, math.pi / 4]), atol=1e-15)
 
@@ -95,15 +84,14 @@ def test_stops_are_the_box_widened_by_a_quarter_of_its_width_and_hold_the_arm():
 # Rewards
 
 
-@pytest.mark.parametrize("joint", [0, 1])
-@pytest.mark.parametrize("edge", [0, 1])
-def test_the_box_holds_its_edges_and_nothing_outside(joint, edge):
+def test_the_box_holds_its_edges_and_nothing_outside():
     arm = TwoLinkArm(objects=FAR)
-    angles = np.mean(arm.box, axis=1)
-    angles[joint] = arm.box[joint][edge]
-    assert move(arm, angles)[1][1] == 0
-    angles[joint] = np.nextafter(arm.box[joint][edge], np.inf if edge else -np.inf)
-    assert move(arm, angles)[1][1] == -1
+    for joint, edge in np.ndindex(2, 2):
+        angles = np.mean(arm.box, axis=1)
+        angles[joint] = arm.box[joint][edge]
+        assert move(arm, angles)[1][1] == 0
+        angles[joint] = np.nextafter(arm.box[joint][edge], np.inf if edge else -np.inf)
+        assert move(arm, angles)[1][1] == -1
 
 
 def test_the_box_is_judged_where_the_arm_was_told_to_go_not_where_the_stops_hold_it():
@@ -190,17 +178,6 @@ def test_starts_touch_nothing_and_are_uniform_elsewhere():
     assert ((counts[cells] - expected) ** 2 / expected).sum() < 150  # χ², below 75 degrees of freedom: p < 1e-6
 
 
-def test_the_arm_offers_the_continuous_path():
-    arm = TwoLinkArm(max_steps=7)
-    assert isinstance(arm, ContinuousEnvironment)
-    assert not isinstance(arm, FiniteEnvironment)
-    kernels = arm.continuous_kernels()
-    assert (kernels.state_size, kernels.action_size, kernels.reward_channels, kernels.max_steps) == (2, 2, 3, 7)
-    assert kernels.events == ("circle", "star", "square", "triangle")
-    kernels.constants[:] = 0
-    assert arm.continuous_kernels().constants[0] == 1  # fresh each time
-
-
 # Constants
 
 
@@ -217,32 +194,19 @@ def test_constants_are_the_ones_of_the_paper_and_of_the_table():
     }
 
 
-def test_an_arm_is_a_value():
-    assert TwoLinkArm(box=[[0.1, 1], [0.2, 2]]) == TwoLinkArm(box=((0.1, 1.0), (0.2, 2.0)))
-    assert len({TwoLinkArm(), TwoLinkArm(), TwoLinkArm(dt=0.1)}) == 2
-    with pytest.raises(AttributeError):
-        TwoLinkArm().dt = 0.1
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: TwoLinkArm(link_lengths=(1.0, 0.0)), r"link_lengths should be a number in \[1e-09, .*found 0.0"),
-        (lambda: TwoLinkArm(link_lengths=1.0), "link_lengths should be a pair of numbers"),
         (lambda: TwoLinkArm(max_speed=np.nan), "max_speed should be a number.*found nan"),
         (lambda: TwoLinkArm(box=((1, 0), (0, 1))), r"box should hold \(least, greatest\) angles.*\(1.0, 0.0\)"),
         (lambda: TwoLinkArm(box=((0, 1),)), "box should be two pairs of angles"),
-        (lambda: TwoLinkArm(box=((0, 1), (0, 1, 2))), "box of φ₂ should be a pair"),
         (lambda: TwoLinkArm(objects=["star"]), "objects should be one ArmObject or more"),
-        (lambda: TwoLinkArm(objects=4), "objects should be a sequence of ArmObject"),
         (lambda: TwoLinkArm(objects=FAR * 2), r"objects should have different names; found \['far', 'far'\]"),
         (lambda: TwoLinkArm(touch_radius=4.0), "should be free of objects to start in; found 0.00%"),
-        (lambda: TwoLinkArm(max_steps=10.0), "max_steps should be an integer ≥ 1; found 10.0"),
         (lambda: ArmObject("none", (0, 0)), "not 'none'; found 'none'"),
         (lambda: ArmObject("it", (0, 0, 0)), "position of it should be a pair of numbers"),
-        (lambda: ArmObject("it", (0, 0), np.nan), "reward of it should be a number"),
         (lambda: TwoLinkArm().forward_kinematics([1, 2, 3]), r"angles should have shape \(…, 2\)"),
-        (lambda: TwoLinkArm().touched([0, np.nan]), "points should have no NaN"),
         (lambda: TwoLinkArm().reachable_mesh(1), "lines should be an integer ≥ 2; found 1"),
         (lambda: TwoLinkArm().reachable_mesh(within="all"), "within should be 'stops' or 'box'; found 'all'"),
     ],

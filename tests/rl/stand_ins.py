@@ -61,6 +61,31 @@ class Foreign(gymnasium.Env):  # type: ignore[type-arg]
         return right if self.answer is None else self.answer(self, action, right)
 
 
+def bandit(*lengths: int) -> Foreign:
+    """Episodes of so many steps in turn, the last number over and over; a reward of 1 for action 1."""
+
+    def answer(own: Any, action: Any, right: Any) -> Any:
+        over = own.time == lengths[min(own.episodes, len(lengths)) - 1]
+        return 0, np.array([float(action)]), over, False, {}
+
+    return Foreign(answer, lambda _: (0, {}), observation_space=Discrete(1), reward_space=Box(0, 1, (1,)))
+
+
+def two_or_eight() -> Foreign:
+    """At first action 0 leads to an episode of 2 steps with return 1, action 1 to one of 8 with return 2.
+
+    The return is paid at the last step; channel 1 is −1 a step. With Pr(action 1) = p: E[R] = 1 + p, E[T] = 2 + 6p.
+    """
+
+    def answer(own: Any, action: Any, right: Any) -> Any:
+        if own.time == 1:
+            own.length = 8 if action == 1 else 2
+        over = own.time == own.length
+        return 1, np.array([(2.0 if own.length == 8 else 1.0) * over, -1.0]), over, False, {}
+
+    return Foreign(answer, lambda _: (0, {}), observation_space=Discrete(2))
+
+
 class Given:
     """A policy of one parameter that draws and scores by what it is given; u ~ N(0, 1) without."""
 

@@ -27,9 +27,8 @@ def test_the_three_state_optimum_is_reached(formulation: str) -> None:
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("seed", range(2))
-def test_the_optimum_of_a_random_mdp_is_reached_with_a_constraint_in_the_way(seed: int, formulation: str) -> None:
-    rng = np.random.default_rng(seed)
+def test_the_optimum_of_a_random_mdp_is_reached_with_a_constraint_in_the_way(formulation: str) -> None:
+    rng = np.random.default_rng(0)
     mdp = random_mdp(rng, 4, 3, 3)
     free = mdp.constrained_optimum(np.full(2, -np.inf)).values
     others = mdp.average_rewards(rng.dirichlet(np.full(3, 0.2), size=(200, 4)))

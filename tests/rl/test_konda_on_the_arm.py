@@ -21,14 +21,6 @@ def records(thresholds: Sequence[float], step: dict[str, Any], *, deviation: flo
     return train(ARM, policy, estimator, CPGRL(ConstrainedStep(**step), thresholds), **settings)
 
 
-@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
-@pytest.mark.parametrize("solver", ["active-set", "osqp"])
-def test_any_solver_and_formulation_trains_the_arm(solver: str, formulation: str) -> None:
-    step = {**SAFEGUARDS, "solver": solver, "formulation": formulation}
-    *_, last = records((0.0, 0.5), step, episodes=12, runs=2)
-    assert (np.abs(last.parameters).max(axis=1) > 0).all()
-
-
 def test_the_printed_update_throws_theta_away_and_training_says_so() -> None:
     """J⁺g is long where the gradients of short episodes are tiny; measured: 98 % of the updates exceed 1 in (c)."""
     message = r"θ\[\d+\] in run \d should move by at most max_change = 10 .* Lower the rates, or set"
@@ -44,8 +36,7 @@ def test_with_the_safeguards_no_update_is_long() -> None:
         assert np.linalg.norm(record.update.change, axis=1).max() < 0.11
 
 
-@pytest.mark.parametrize("deviation", [0.1, 0.05])
-def test_critics_that_overflow_are_named(deviation: float) -> None:
+def test_critics_that_overflow_are_named() -> None:
     """ψ grows as 1/σ: the rates fit σ of the order of 1 in the unit of u, and the critics of a smaller one explode."""
     with pytest.raises(DivergenceError, match=r"the estimate of channel 0 in run 0, episode \d, should be finite"):
-        list(records((0.0, 0.0), SAFEGUARDS, deviation=deviation, episodes=100, runs=3))
+        list(records((0.0, 0.0), SAFEGUARDS, deviation=0.1, episodes=100, runs=3))

@@ -47,9 +47,8 @@ def test_sum_follows_the_sum_of_all_gradients() -> None:
     np.testing.assert_allclose(update.change, 0.02 * (GRADIENTS[:, 0] - 2 * GRADIENTS[:, 3]), rtol=1e-14)
 
 
-@pytest.mark.parametrize("formulation", ["equality", "cone", "restoring"])
-def test_cpgrl_is_its_step_and_remembers_the_active_set(formulation: str) -> None:
-    step = ConstrainedStep(formulation=formulation, rule=hysteresis)
+def test_cpgrl_is_its_step_and_remembers_the_active_set() -> None:
+    step = ConstrainedStep(rule=hysteresis)
     learner, memory, previous = CPGRL(step, [0, 0, 0]), None, None
     for values in (VALUES[::-1], VALUES, VALUES + 0.005):
         linearization = Linearization(values, GRADIENTS)
@@ -101,9 +100,8 @@ def test_the_change_is_the_whole_gradient_and_the_papers_restoration():
     np.testing.assert_array_equal(update.active, WITHOUT_P.values[:, 1:] <= 0)
 
 
-@pytest.mark.parametrize("formulation", ["equality", "cone"])
-def test_safeguards_act_on_the_restoration_alone_and_are_counted(formulation):
-    step = ConstrainedStep(formulation=formulation, max_restoration=1e-3, restoration_rate=0.25, step_size=0.5)
+def test_safeguards_act_on_the_restoration_alone_and_are_counted():
+    step = ConstrainedStep(max_restoration=1e-3, restoration_rate=0.25, step_size=0.5)
     update = GradientWithRestoration(step, [0, 0]).update(WITHOUT_P)
     restoration = update.change - 0.5 * WITHOUT_P.gradients[:, 0]
     assert (np.linalg.norm(restoration, axis=1) <= 1e-3 * (1 + 1e-9)).all()

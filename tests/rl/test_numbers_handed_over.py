@@ -18,25 +18,21 @@ from .stand_ins import ONE_OF_TWO, Foreign, Given, estimate_of, learn, one
 
 NAN, INF = np.nan, np.inf
 QUIET = Box(-9.0, 9.0, (1,), np.float64)
-both = pytest.mark.parametrize("estimator", [KondaActorCritic(steps=6), GPOMDP(steps=6)])
+ESTIMATOR = GPOMDP(steps=6)
 
 # --- NaN and infinities (B5) -------------------------------------------------------------------------------------
 
 
-@both
 @pytest.mark.parametrize(
     ("observation", "reward", "message"),
     [
         (np.zeros(1), [1.0, NAN], "reward of channel 1 should be finite; found nan"),
         (np.zeros(1), [-INF, 1.0], "reward of channel 0 should be finite; found -inf"),
         (np.array([INF], np.float32), [1.0, 1.0], "observation should be finite; found inf at [0]"),
-        (NAN, [1.0, 1.0], "observation should be finite; found nan"),
         ({"x": (0, np.array([[1.0, NAN]]))}, [1.0, 1.0], "observation should be finite; found nan at ['x'][1][0, 1]"),
     ],
 )
-def test_what_is_not_finite_is_named_with_its_place(
-    estimator: Any, observation: Any, reward: Any, message: str
-) -> None:
+def test_what_is_not_finite_is_named_with_its_place(observation: Any, reward: Any, message: str) -> None:
     """At step 3 of the environment's fourth episode, which is the second one of the second run."""
 
     def break_off(own: Any, _: Any, right: Any) -> Any:
@@ -44,15 +40,9 @@ def test_what_is_not_finite_is_named_with_its_place(
 
     place = re.escape(f"{message} (step 3, episode 2, run 8, Foreign)")
     with pytest.raises(RolloutError, match=f"^{place}$") as raised:
-        learn(Foreign(break_off), ONE_OF_TWO, estimator, episodes=9, runs=[3, 8])
+        learn(Foreign(break_off), ONE_OF_TWO, ESTIMATOR, episodes=9, runs=[3, 8])
     assert not isinstance(raised.value, DivergenceError)
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)  # as from another process
-
-
-def test_a_first_observation_that_is_not_finite_is_named() -> None:
-    message = r"^first observation should be finite; found nan at \[0\] \(step 0, episode 1"
-    with pytest.raises(RolloutError, match=message):
-        learn(Foreign(begin=lambda _: (np.array([NAN]), {})), ONE_OF_TWO, GPOMDP())
 
 
 def always(value: Any) -> Any:
@@ -62,7 +52,6 @@ def always(value: Any) -> Any:
 SHAPE = r"score of Given should be numbers of shape \(1,\), as θ; found"
 
 
-@both
 @pytest.mark.parametrize(
     ("policy", "error", "message"),
     [
@@ -71,15 +60,13 @@ SHAPE = r"score of Given should be numbers of shape \(1,\), as θ; found"
             r"action of LinearGaussian should be finite; found inf at \[0\], where max \|θ\| = 1e\+200",
         ),
         (Given(always(None)), ValueError, "sample of Given should return an action; found None"),
-        (Given(always(np.array([NAN]))), DivergenceError, "action of Given should be finite; found nan"),
-        (Given(score=always(None)), ValueError, f"{SHAPE} object"),
         (Given(score=always(np.zeros(2))), ValueError, rf"{SHAPE} float64, shape \(2,\)"),
         (Given(score=always(np.array([NAN]))), DivergenceError, "score of Given should be finite; found nan"),
     ],
 )  # fmt: skip
-def test_a_policys_flaw_is_named(estimator: Any, policy: Any, error: type, message: str) -> None:
+def test_a_policys_flaw_is_named(policy: Any, error: type, message: str) -> None:
     with pytest.raises(error, match=f"{message}.*step 0, episode 1, run 5, Foreign"), np.errstate(over="ignore"):
-        learn(Foreign(action_space=QUIET), policy, estimator, runs=[5])
+        learn(Foreign(action_space=QUIET), policy, ESTIMATOR, runs=[5])
 
 
 @numba.njit(RESET_SIGNATURE)
@@ -103,7 +90,7 @@ class Compiled:
         return ContinuousKernels(1, 1, 2, np.array([2.5]), begin, break_off, 9)
 
 
-@pytest.mark.parametrize("estimator", [KondaActorCritic(), GPOMDP(), GPOMDP(average="episode")])
+@pytest.mark.parametrize("estimator", [KondaActorCritic(), GPOMDP(average="episode")])
 def test_rewards_of_compiled_kernels_that_are_not_finite_are_named(estimator: Any) -> None:
     place = r"where max \|θ\| = 0 \(episode 1, run 4, Compiled"
     with pytest.raises(RolloutError, match=f"rewards of channel 1 should be finite; found a sum of nan, {place}"):
@@ -142,19 +129,15 @@ def bits(_: Any, rng: Any) -> Any:
         (Discrete(2), ONE_OF_TWO.sample),
         (WIDE, floats),
         (WIDE, lambda _, rng: rng.integers(9, size=2)),
-        (WIDE, lambda _, rng: list(rng.normal(size=2))),
         (Box(-100, 100, (), np.float32), lambda _, rng: rng.normal()),
-        (Box(-100, 100, (2,), np.float16), floats),
         (Box(0, 255, (3,), np.uint8), bits),
-        (MultiBinary(3), bits),
         (Dict(a=WIDE, b=Discrete(3)), lambda o, rng: {"a": floats(o, rng), "b": 1}),
         (Tuple([WIDE, MultiBinary(3)]), lambda o, rng: (floats(o, rng), bits(o, rng))),
     ],
 )
-@both
-def test_actions_lie_in_the_action_space(estimator: Any, space: Any, draw: Any) -> None:
+def test_actions_lie_in_the_action_space(space: Any, draw: Any) -> None:
     environment = recording(space)
-    estimate_of(environment, estimator, Given(draw, always(np.ones(1))))
+    estimate_of(environment, ESTIMATOR, Given(draw, always(np.ones(1))))
     assert len(environment.actions) == 6
 
 

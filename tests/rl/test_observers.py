@@ -67,11 +67,6 @@ def test_an_observer_that_raises_is_left_out_aloud_and_the_training_goes_on():
     assert (broken.seen, broken.closed, sound.closed) == ([1, 2], 1, 1)
 
 
-def test_a_full_disk_ends_no_training():
-    with pytest.warns(ObserverWarning, match="CsvLog raised OSError"):
-        assert len(list(observed(training(), CsvLog("/dev/full")))) == 6
-
-
 def test_a_training_that_is_left_closes_its_observers_and_can_be_saved(tmp_path):
     begun, noting = training(), Noting()
     for record in (records := observed(begun, noting)):

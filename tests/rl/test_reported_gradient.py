@@ -1,46 +1,20 @@
 """Δ is the gradient of the ρ that is reported, also where episodes differ in length (`ReportedGradient`)."""
 
-# ruff: noqa: ARG002 - stand-ins take what they ignore
-
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Discrete
 
 from rl import GPOMDP, KondaActorCritic, SoftmaxTable
 from rl.estimators.reported_gradient import ReportedGradient
 from rl.estimators.stored_average import MeanWeight
 
-from .stand_ins import streams
-
-
-class TwoOrEight:
-    """In state 0 action 0 leads to an episode of 2 steps with return 1, action 1 to one of 8 with return 2.
-
-    The return is paid at the last step; channel 1 is −1 a step. With Pr(action 1) = p: E[R] = 1 + p, E[T] = 2 + 6p.
-    """
-
-    reward_channels = 2
-    observation_space = Discrete(2)
-    action_space = Discrete(2)
-    reward_space = Box(-2.0, 2.0, (2,))
-
-    def reset(self, seed: int) -> tuple[int, dict[str, Any]]:
-        self.left = 0
-        return 0, {}
-
-    def step(self, action: int) -> tuple[int, np.ndarray, bool, bool, dict[str, Any]]:
-        if self.left == 0:
-            self.left, self.reward = (8, 2.0) if action == 1 else (2, 1.0)
-        self.left -= 1
-        over = self.left == 0
-        return 1, np.array([self.reward if over else 0.0, -1.0]), over, False, {}
+from .stand_ins import streams, two_or_eight
 
 
 def test_per_step_gpomdp_climbs_the_ratio_that_it_reports() -> None:
     """As printed the first step is left out: ∇ (1 + p)/(1 + 6p) = −5 p(1 − p)/(1 + 6p)² at p = ½; 0 for −1 a step."""
-    estimation = GPOMDP(trace_decay=0.999).start(TwoOrEight(), SoftmaxTable(2, 2), streams(4))
+    estimation = GPOMDP(trace_decay=0.999).start(two_or_eight(), SoftmaxTable(2, 2), streams(4))
     drawn = np.array([estimation.episode(np.zeros((4, 4))).gradients[:, :, 1] for _ in range(400)])
     found = drawn[100:].reshape(-1, 2)  # two lengths have been seen: −1 has gradient 0 exactly
     error = found.std(axis=0, ddof=1) / np.sqrt(len(found))
@@ -48,16 +22,21 @@ def test_per_step_gpomdp_climbs_the_ratio_that_it_reports() -> None:
     assert error.max() < 0.002
 
 
-def test_channels_of_both_kinds_stand_side_by_side() -> None:
-    mixed = GPOMDP(trace_decay=0.999, average=("step", "episode"))
+@pytest.mark.parametrize("estimator", [GPOMDP, KondaActorCritic])
+def test_channels_of_both_kinds_stand_side_by_side(estimator: Any) -> None:
+    shared = {"trace_decay": 0.999, "average_rate": 0.3, "bias_correction": False}
     each = [
-        estimator.start(TwoOrEight(), SoftmaxTable(2, 2), streams(5))  # the same draws
-        for estimator in (mixed, GPOMDP(trace_decay=0.999), GPOMDP(trace_decay=0.999, average="episode"))
+        estimator(average=average, **shared).start(two_or_eight(), SoftmaxTable(2, 2), streams(5))  # the same draws
+        for average in (("step", "episode"), "step", "episode")
     ]
+    sums = np.zeros((5, 2))
     for _ in range(6):
-        some, steps, sums = (estimation.episode(np.zeros((5, 4))) for estimation in each)
-        np.testing.assert_array_equal(some.gradients[:, 0], steps.gradients[:, 0])
-        np.testing.assert_array_equal(some.gradients[:, 1], sums.gradients[:, 1])
+        both, *alone = (estimation.episode(np.zeros((5, 4))) for estimation in each)
+        for channel in (0, 1):
+            np.testing.assert_array_equal(both.gradients[:, channel], alone[channel].gradients[:, channel])
+            np.testing.assert_array_equal(both.values[:, channel], alone[channel].values[:, channel])
+        sums += 0.3 * (both.rewards - sums)
+        np.testing.assert_allclose(both.values[:, 1], sums[:, 1])
 
 
 def converted(lengths: list[int], rate: float = 0.1, kinds: tuple[bool, ...] = (False,)) -> list[np.ndarray]:

@@ -70,19 +70,8 @@ class FromTheGlobalGenerator(Plain):
         return np.int64(self.cell), {}
 
 
-class OneReward(Plain):
-    kept = np.zeros(3)
-
-    def step(self, action):
-        observation, reward, *rest = super().step(action)
-        self.kept[:] = reward
-        return (observation, self.kept, *rest)
-
-
 class Buffered(Plain):
     """Cells as vectors in a dictionary, all of them in the same buffer, as a simulator hands them out."""
-
-    from_reset = from_step = staticmethod(lambda buffer: buffer)
 
     def __init__(self):
         super().__init__()
@@ -92,16 +81,12 @@ class Buffered(Plain):
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed, options=options)
         self.buffer[0] = self.cell
-        return {"x": self.from_reset(self.buffer)}, {}
+        return {"x": self.buffer}, {}
 
     def step(self, action):
         _, *rest = super().step(action)
         self.buffer[0] = self.cell
-        return ({"x": self.from_step(self.buffer)}, *rest)
-
-
-class Copied(Buffered):
-    from_reset = from_step = staticmethod(np.copy)
+        return ({"x": self.buffer}, *rest)
 
 
 class Scribbling(Plain):
@@ -149,20 +134,8 @@ class SlowArm(TwoLinkArmEnv):
         return replace(super().continuous_kernels(), constants=faster.constants)
 
 
-class SwappedArm(TwoLinkArmEnv):
-    def continuous_kernels(self):
-        return super().continuous_kernels()
-
-    def step(self, action):
-        observation, reward, *rest = super().step(action)
-        return (observation, reward[[1, 0, 2]], *rest)
-
-
-OWN = "should stay as it was, an array of its own"
 BAD = {
     "scalar reward": (after(lambda o, r, *rest: (o, float(r[0]), *rest)), "reward should be an array of floats"),
-    "integers": (after(lambda o, r, *rest: (o, r.astype(int), *rest)), "reward should be an array of floats"),
-    "too long": (after(lambda o, r, *rest: (o, np.append(r, 0.0), *rest)), r"should have shape \(3,\); found \(4,\)"),
     "NaN": (after(lambda o, r, *rest: (o, r * np.nan, *rest)), "should be finite; found"),
     "outside": (after(lambda o, r, *rest: (o, r * 1.5, *rest)), "should lie in reward_space"),
     "no info": (after(lambda o, r, *rest: (o, r, *rest[:2], None)), "info should be a dict; found None"),
@@ -171,16 +144,13 @@ BAD = {
     "observation": (after(lambda _, *rest: (np.int64(7), *rest)), r"observation should lie in Discrete\(5\)"),
     "unseeded": (Unseeded, r"should be the same after reset\(seed=0\)"),
     "global generator": (FromTheGlobalGenerator, "all randomness should come from self.np_random"),
-    "one reward": (OneReward, f"reward of step . {OWN}"),
-    "one observation": (Buffered, f"observation of step . {OWN}"),
+    "one observation": (Buffered, "observation of step . should stay as it was, an array of its own"),
     "action": (Scribbling, r"the action of step . should not be written to; found \[.\], later \[.\]"),
     "event": (
         after(lambda *four: (*four[:4], {"cpgrl_event": 0})),
         r"info\['cpgrl_event'\] at a termination should be an integer ≥ 1, or missing; found 0",
     ),
     "no reward_space": (declaring(reward_space=None), "reward_space should be a Box"),
-    "no action_space": (declaring(action_space=None), "action_space should be a Gymnasium space"),
-    "reward_space": (declaring(reward_space=Box(0.0, 1.0, (3, 1))), "reward_space should be a Box of shape"),
     "reward_dim": (declaring(reward_dim=4), "reward_dim should be 3, as reward_space has it; found 4"),
     "wrapper": (lambda: CostChannel(Plain(), 3), r"reward of step 0 should have shape \(3,\); found \(4,\)"),
     "kernel's rewards, in a wrapper": (
@@ -200,7 +170,6 @@ BAD = {
         "reset should lead to the kernel's start state 1; found 0",
     ),
     "arm's speed": (SlowArm, r"the mean square of the way from start to last state.* the same by kernels and by step"),
-    "arm's channels": (declaring(SwappedArm, reward_space=Box(-10.0, 10.0, (3,))), "sum of reward channel"),
 }
 
 
@@ -215,7 +184,6 @@ GOOD = {
     "plain": Plain,
     "registered": lambda: gymnasium.make("cpgrl/ThreeState-v0"),
     "arm": TwoLinkArmEnv,
-    "copies of a buffer": Copied,
     "a wrapper's own reward_space": lambda: gymnasium.wrappers.TimeLimit(CostChannel(Plain()), 30),
     "kernels that are not the wrapper's": lambda: CostChannel(ThreeStateEnv(rewards=np.zeros((3, 3, 3)))),
     "kernels of another step": declaring(after(lambda o, r, *rest: (o, -r, *rest), ThreeStateEnv), reward_space=WIDE),
@@ -240,12 +208,11 @@ def test_swapped_constraints_are_found_and_named_with_what_channels_should_yield
     [
         (
             lambda *_: time.sleep(600),
-            r"should come back; found no answer within 3 s; it was at .* in <lambda>, .* step",
+            r"should come back; found no answer within 3 s; it was at .* in <lambda>",
         ),
         (lambda *_: os._exit(7), r"should come back; found the end of the process \(exit code 7\)"),
-        (lambda *answer: (*answer[:4], None), "info should be a dict; found None"),
     ],
-    ids=["hangs", "exits", "breaks the contract"],
+    ids=["hangs", "exits"],
 )
 def test_in_a_process_of_its_own_what_never_comes_back_is_a_broken_contract(act, message):
     with pytest.raises(ContractBroken, match=message):

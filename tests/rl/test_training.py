@@ -1,6 +1,5 @@
-"""Training: records, first parameters, determinism for any batch, thread or process, divergence."""
+"""Training: records, first parameters, updates in compiled code, what is wrong and who says so."""
 
-import itertools
 import pickle
 import re
 import subprocess
@@ -9,22 +8,19 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cpgrl_opt import ConstrainedStep, Linearization, StepResult
-from envs import TabularEnv, TabularMDP, ThreeStateMDP, random_mdp
+from cpgrl_opt import ConstrainedStep, Linearization
+from envs import TabularMDP, ThreeStateMDP, random_mdp
 from rl import (
     CPGRL,
     GPOMDP,
-    ConstraintSwitching,
     DivergenceError,
     Estimate,
-    ExactGradient,
-    LearnerUpdate,
-    LinearSoftmax,
     SoftmaxTable,
     TrainingRecord,
     WeightedSum,
@@ -32,42 +28,17 @@ from rl import (
     train,
     uniform_parameters,
 )
+from rl.estimators.finite_gpomdp import FiniteGPOMDP
 from rl.streams import run_streams
 
-LEARNERS = {
-    "SUM": WeightedSum(),
-    "CONB": ConstraintSwitching([0, 0, 0]),
-    "CPGRL": CPGRL(ConstrainedStep(solver="active-set"), [0, 0, 0]),
-    "CPGRL, Rosen": CPGRL(ConstrainedStep(solver="rosen"), [0, 0, 0]),
-    "CPGRL, restoring": CPGRL(ConstrainedStep(formulation="restoring"), [0, 0, 0]),
-    "CPGRL, linearized": CPGRL(ConstrainedStep(formulation="linearized"), [0, 0, 0]),
-}
+from .stand_ins import streams
 
-
-def one_hot(state: int) -> np.ndarray:
-    return np.eye(3)[state]
-
-
-SETTINGS: dict[str, tuple[Any, Any, Any]] = {
-    "compiled": (ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP()),
-    "plain": (TabularEnv(ThreeStateMDP()), LinearSoftmax(one_hot, 3, 3), GPOMDP(steps=10)),
-    "exact": (ThreeStateMDP(), SoftmaxTable(3, 3), ExactGradient()),
-}
-
-
-def trained(
-    runs: int | Sequence[int], learner: str = "CPGRL", setting: str = "compiled", episodes: int = 30
-) -> np.ndarray:
-    environment, policy, estimator = SETTINGS[setting]
-    initial = uniform_parameters(9)
-    records = train(
-        environment, policy, estimator, LEARNERS[learner], episodes=episodes, runs=runs, seed=7, initial=initial
-    )
-    return np.stack([record.parameters for record in records], axis=1)
+CPGRL_LEARNER = CPGRL(ConstrainedStep(), [0, 0, 0])
+SETTING: Any = (ThreeStateMDP(), SoftmaxTable(3, 3), GPOMDP())
 
 
 def test_a_record_holds_the_estimate_before_and_the_parameters_after_the_update() -> None:
-    records = list(train(*SETTINGS["compiled"], WeightedSum(), episodes=5, runs=3))
+    records = list(train(*SETTING, WeightedSum(), episodes=5, runs=3))
     assert [record.episode for record in records] == [1, 2, 3, 4, 5]
     before = np.zeros((3, 9))
     for record in records:
@@ -76,18 +47,6 @@ def test_a_record_holds_the_estimate_before_and_the_parameters_after_the_update(
         np.testing.assert_array_equal(record.parameters, before + record.update.change)
         np.testing.assert_array_equal(record.estimate.steps, 100)
         before = record.parameters
-
-
-def test_records_kept_are_not_overwritten_by_later_episodes() -> None:
-    for setting in SETTINGS:
-        copies, kept = [], []
-        for record in train(*SETTINGS[setting], LEARNERS["CPGRL"], episodes=4, runs=2):
-            arrays = (record.parameters, record.estimate.values, record.estimate.gradients, record.estimate.rewards)
-            kept.append(arrays)
-            copies.append([array.copy() for array in arrays])
-        for arrays, copied in zip(kept, copies, strict=True):
-            for array, copy in zip(arrays, copied, strict=True):
-                np.testing.assert_array_equal(array, copy)
 
 
 SHORT = GPOMDP(steps=12, average_rate=0.3)  # whose average is settled soon, and whose gradients are often 0
@@ -129,10 +88,7 @@ def test_updates_made_in_compiled_code_have_the_bits_of_those_that_somebody_obse
 
 
 def test_records_of_compiled_updates_can_be_kept_pickled_and_changed() -> None:
-    learner = LEARNERS["CPGRL"]
-    records = list(train(ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, learner, episodes=200, runs=2))
-    for record, after in itertools.pairwise(records):
-        np.testing.assert_array_equal(after.parameters, record.parameters + after.update.change)
+    records = list(train(ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, CPGRL_LEARNER, episodes=200, runs=2))
     last = records[-1]
     for array, other in zip(numbers(last), numbers(pickle.loads(pickle.dumps(last))), strict=True):
         np.testing.assert_array_equal(array, other)
@@ -145,7 +101,7 @@ def test_records_of_compiled_updates_can_be_kept_pickled_and_changed() -> None:
 def test_an_update_that_goes_too_far_ends_training_after_the_same_record_observed_or_not() -> None:
     def episodes(observe: Any) -> tuple[int, str]:
         records = train(
-            ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, LEARNERS["CPGRL"], episodes=9999, runs=3, observe=observe,
+            ThreeStateMDP(), SoftmaxTable(3, 3), SHORT, CPGRL_LEARNER, episodes=9999, runs=3, observe=observe,
             max_change=0.04,
         )  # fmt: skip
         made: list[int] = []
@@ -166,64 +122,34 @@ def test_thresholds_that_do_not_fit_do_not_go_into_compiled_code() -> None:
         next(train(ThreeStateMDP(), SoftmaxTable(3, 3), SETTLED, CPGRL(ConstrainedStep(), [0, 0]), episodes=1, runs=1))
 
 
-class StillLearner(CPGRL):
-    def update(self, linearization: Linearization, memory: Any = None, observe: Any = None) -> LearnerUpdate:
-        update = super().update(linearization, memory, observe)
-        return replace(update, change=0.0 * update.change)
+class OwnLearner(CPGRL):
+    pass
 
 
-class StillStep(ConstrainedStep):
-    def __call__(self, *arguments: Any) -> StepResult:
-        result = super().__call__(*arguments)
-        return replace(result, change=0.0 * result.change)
+class OwnStep(ConstrainedStep):
+    pass
 
 
-def still_step(*arguments: Any) -> StepResult:
-    return StillStep()(*arguments)
-
-
-class FlatEstimation:
-    """Hands everything on but the gradients."""
-
-    def __init__(self, inner: Any) -> None:
-        self.inner = inner
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.inner, name)
-
+class OwnEstimation(FiniteGPOMDP):
     def episode(self, parameters: np.ndarray) -> Estimate:
-        estimate = self.inner.episode(parameters)
-        return replace(estimate, gradients=0.0 * estimate.gradients)
+        return super().episode(parameters)
 
 
-class FlatEstimator:
-    def start(self, *arguments: Any) -> FlatEstimation:
-        return FlatEstimation(SETTLED.start(*arguments))
+class OwnEstimator(GPOMDP):
+    def with_driver(self, driver: Any) -> Any:
+        return OwnEstimation(self, driver)
 
 
-@pytest.mark.parametrize(
-    ("estimator", "learner"),
-    [
-        (SETTLED, StillLearner(ConstrainedStep(), [0, 0, 0])),
-        (SETTLED, CPGRL(StillStep(), [0, 0, 0])),
-        (SETTLED, CPGRL(still_step, [0, 0, 0])),  # type: ignore[arg-type]
-        (FlatEstimator(), CPGRL(ConstrainedStep(restoration_rate=0.0), [0, 0, 0])),
-    ],
-)
-def test_whoever_has_code_of_its_own_is_not_passed_over_by_compiled_code(estimator: Any, learner: Any) -> None:
-    *_, record = train(ThreeStateMDP(), SoftmaxTable(3, 3), estimator, learner, episodes=3, runs=2)
-    assert not record.parameters.any()
+def test_whoever_has_code_of_its_own_is_not_passed_over_by_compiled_code() -> None:
+    def is_plain(estimator: Any, learner: Any) -> bool:
+        *_, record = train(ThreeStateMDP(), SoftmaxTable(3, 3), estimator, learner, episodes=3, runs=2)
+        return type(record) is TrainingRecord
 
-
-def test_averages_go_on_from_episode_to_episode_and_gradients_start_anew() -> None:
-    """§2.4 as read (docs/reproduction.md, slip 7): with a constant reward ρ = 1 − (1 − α_r)^(99 k) after k episodes."""
-    mdp = TabularMDP(np.full((2, 2, 2), 0.5), np.ones((1, 2, 2)))
-    records = train(
-        mdp, SoftmaxTable(2, 2), GPOMDP(average_rate=0.001, bias_correction=False), WeightedSum(), episodes=5, runs=2
-    )
-    for record in records:
-        expected = 1 - (1 - 0.001) ** (99 * record.episode)
-        np.testing.assert_allclose(record.estimate.values, expected, rtol=1e-12)
+    assert not is_plain(SETTLED, CPGRL_LEARNER)
+    assert is_plain(SETTLED, OwnLearner(ConstrainedStep(), [0, 0, 0]))
+    assert is_plain(SETTLED, CPGRL(OwnStep(), [0, 0, 0]))
+    assert is_plain(SETTLED, CPGRL(lambda *arguments: OwnStep()(*arguments), [0, 0, 0]))  # type: ignore[arg-type]
+    assert is_plain(OwnEstimator(bias_correction=False), CPGRL_LEARNER)
 
 
 def test_first_parameters_come_from_the_runs_own_stream() -> None:
@@ -238,24 +164,6 @@ def test_first_parameters_come_from_the_runs_own_stream() -> None:
     np.testing.assert_array_equal(record.parameters, [np.arange(9.0)] * 2)
 
 
-@pytest.mark.parametrize(
-    ("learner", "setting"), [*((name, "compiled") for name in LEARNERS), ("CPGRL", "plain"), ("CPGRL", "exact")]
-)
-def test_a_run_is_bit_identical_for_any_batch(learner: str, setting: str) -> None:
-    episodes = 30 if setting == "compiled" else 6
-    together = trained(5, learner, setting, episodes)
-    assert len(np.unique(together[:, -1], axis=0)) == 5
-    np.testing.assert_array_equal(together[2:3], trained([2], learner, setting, episodes))
-    np.testing.assert_array_equal(together[[4, 1, 3]], trained([4, 1, 3], learner, setting, episodes))
-
-
-@pytest.mark.parametrize(("learner", "threads"), [("CPGRL", True), ("CPGRL", False)])
-def test_a_run_is_bit_identical_for_any_number_of_threads_and_processes(learner: str, threads: bool) -> None:
-    alone = trained(5, learner)
-    shared = map_runs(partial(trained, learner=learner), 5, processes=2, threads=threads)
-    np.testing.assert_array_equal(np.concatenate(shared), alone)
-
-
 def test_map_runs_keeps_order_and_passes_exceptions_on() -> None:
     assert map_runs(list, 5, processes=2, threads=True) == [[0, 1], [2, 3, 4]]
     assert map_runs(list, range(7, 9), processes=8, threads=True) == [[7], [8]]
@@ -268,17 +176,13 @@ def test_map_runs_keeps_order_and_passes_exceptions_on() -> None:
 
 
 def test_an_estimate_that_is_not_finite_names_the_run_and_the_channel() -> None:
-    class Broken:
-        def start(self, *_: object) -> "Broken":
-            return self
+    def break_off(parameters: np.ndarray) -> Any:
+        estimate = inner.episode(parameters)
+        estimate.gradients[1, 2, 3] = np.inf
+        return estimate
 
-        def episode(self, parameters: np.ndarray) -> Any:
-            estimate = self.inner.episode(parameters)
-            estimate.gradients[1, 2, 3] = np.inf
-            return estimate
-
-    broken = Broken()
-    broken.inner = GPOMDP().start(ThreeStateMDP(), SoftmaxTable(3, 3), [run_streams(0, r).episodes for r in (3, 8)])  # type: ignore[attr-defined]
+    inner = GPOMDP().start(ThreeStateMDP(), SoftmaxTable(3, 3), streams(2))
+    broken: Any = SimpleNamespace(start=lambda *_: SimpleNamespace(episode=break_off))
     with pytest.raises(DivergenceError, match="channel 2 in run 8, episode 1, should be finite; found"):
         next(train(ThreeStateMDP(), SoftmaxTable(3, 3), broken, WeightedSum(), episodes=9, runs=[3, 8]))
 
@@ -299,19 +203,16 @@ def test_an_overflowing_update_raises_instead_of_training_on(learner: Any) -> No
         ({"episodes": -1}, "episodes should be"),
         ({"episodes": 10**23}, "episodes should be an integer ≤"),
         ({"runs": 0}, "runs should be"),
-        ({"runs": "3"}, "runs should be .*; found '3'"),
         ({"runs": [0, 0]}, r"runs should be .*differ.*; found \[0, 0\]"),
-        ({"runs": [1.5]}, "runs should be .*; found"),
         ({"runs": 10**12}, "runs should be .*; found"),
         ({"initial": np.zeros(9)}, "initial should be a function"),
         ({"max_change": np.nan}, "max_change should be"),
-        ({"seed": -1}, "seed should be"),
         ({"initial": lambda _: np.zeros(3)}, r"parameters should have shape \(9,\)"),
     ],
 )
 def test_bad_input_is_refused_before_the_first_episode(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        train(*SETTINGS["compiled"], WeightedSum(), **{"episodes": 1, **settings})
+        train(*SETTING, WeightedSum(), **{"episodes": 1, **settings})
 
 
 @pytest.mark.parametrize(
@@ -319,16 +220,12 @@ def test_bad_input_is_refused_before_the_first_episode(settings: dict[str, Any],
     [
         (None, "None"),
         (["0.5"] * 9, "dtype <U3"),
-        (np.ones((3, 3)), r"\(3, 3\)"),
-        (np.full(9, np.nan), "nan"),
-        ([[0.0], [0.0, 0.0]], "rectangular"),
-        (np.ma.masked_array(np.ones(9), [True] + [False] * 8), "masked"),
     ],
 )
 def test_a_first_theta_that_is_none_is_refused(drawn: Any, found: str) -> None:
     """`initial=lambda rng: None` trained from θ₀ = 0, strings from the numbers that they spell."""
     with pytest.raises(ValueError, match=rf"initial should return θ of shape \(9,\), finite numbers: .*{found}"):
-        train(*SETTINGS["compiled"], WeightedSum(), episodes=1, runs=1, initial=lambda _: drawn)
+        train(*SETTING, WeightedSum(), episodes=1, runs=1, initial=lambda _: drawn)
 
 
 @pytest.mark.parametrize(
@@ -347,30 +244,17 @@ def test_a_learner_that_returns_no_change_for_each_run_is_refused(answer: Any, m
             return replace(WeightedSum().update(linearization), **answer) if isinstance(answer, dict) else answer
 
     with pytest.raises(ValueError, match=re.escape(message)):
-        list(train(*SETTINGS["compiled"], Returning(), episodes=1, runs=2))
-
-
-class Idle:
-    """Starts nothing; its episodes estimate nothing."""
-
-    def start(self, *_: object) -> Any:
-        return None
-
-    def episode(self, _: np.ndarray) -> None:
-        return None
-
-
-class Silent(Idle):
-    def start(self, *_: object) -> Any:
-        return self
+        list(train(*SETTING, Returning(), episodes=1, runs=2))
 
 
 def test_an_estimator_that_starts_or_estimates_nothing_is_refused() -> None:
     setting = ThreeStateMDP(), SoftmaxTable(3, 3)
+    idle = SimpleNamespace(start=lambda *_: None)
     with pytest.raises(ValueError, match=r"the estimator's start should return an Estimation .*; found None"):
-        train(*setting, Idle(), WeightedSum(), episodes=1, runs=1)
+        train(*setting, idle, WeightedSum(), episodes=1, runs=1)  # type: ignore[arg-type]
+    silent = SimpleNamespace(start=lambda *_: SimpleNamespace(episode=lambda _: None))
     with pytest.raises(ValueError, match="the estimator's episode should return an Estimate; found None"):
-        list(train(*setting, Silent(), WeightedSum(), episodes=1, runs=1))
+        list(train(*setting, silent, WeightedSum(), episodes=1, runs=1))  # type: ignore[arg-type]
 
 
 def test_importing_rl_is_light() -> None:

@@ -5,71 +5,25 @@ import json
 import pickle
 import zipfile
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, ConstrainedStep
-from cpgrl_opt.active_set import hysteresis
-from envs import ThreeStateMDP, TwoLinkArm, TwoLinkArmEnv
-from envs.tabular_env import TabularEnv
+from envs import ThreeStateMDP
 from rl import (
     CPGRL,
     GPOMDP,
-    ConstraintSwitching,
     DivergenceError,
-    Estimate,
     ExactGradient,
-    GradientWithRestoration,
-    KondaActorCritic,
-    LearnerUpdate,
-    NormalizedGaussianNetwork,
-    SoftmaxTable,
-    Training,
     WeightedSum,
-    uniform_parameters,
+    map_runs,
 )
+from rl.carried import put_back, require_like, state_of
+from rl.saved_state import read_state, write_state
 
-CHAIN, ARM = ThreeStateMDP(), TwoLinkArm()
-TABLE, NETWORK = SoftmaxTable(3, 3), NormalizedGaussianNetwork(*ARM.stops, (3, 4), 2)
-ROSEN = CPGRL(ConstrainedStep(solver="rosen"), [0, 0, 0])
-WITH_MEMORY = CPGRL(ConstrainedStep(rule=partial(hysteresis, leave=0.2)), [0, 0, 0])
-SAFE = {"ridge": 1e-4, "max_restoration": 0.1}
-ON_THE_ARM = CPGRL(ConstrainedStep(solver="rosen", **SAFE), [0, 0.5])
-MIXED = {"average": ("step", "step", "episode"), "steps": 40}
-# environment, policy, estimator, learner, episodes
-CASES = {
-    "compiled": (CHAIN, TABLE, GPOMDP(bias_correction=False), ROSEN, 120),
-    "compiled once averages are settled": (CHAIN, TABLE, GPOMDP(average_rate=0.5, steps=20), ROSEN, 60),
-    "compiled, updates in Python": (CHAIN, TABLE, GPOMDP(average="episode", steps=20), WITH_MEMORY, 40),
-    "Konda on the chain": (CHAIN, TABLE, KondaActorCritic(steps=20), ConstraintSwitching([0, 0, 0]), 40),
-    "exact": (CHAIN, TABLE, ExactGradient(), WITH_MEMORY, 30),
-    "GPOMDP in Python": (TabularEnv(CHAIN), TABLE, GPOMDP(steps=10), ROSEN, 14),
-    "Konda in Python": (TabularEnv(CHAIN), TABLE, KondaActorCritic(steps=10), WeightedSum(), 14),
-    "GPOMDP on the arm": (ARM, NETWORK, GPOMDP(**MIXED), ON_THE_ARM, 40),
-    "Konda on the arm": (ARM, NETWORK, KondaActorCritic(**MIXED), ON_THE_ARM, 40),
-    "in a metric, rates of NumPy's": (
-        CHAIN, TABLE, GPOMDP(steps=20, average="episode", average_rate=np.float64(0.1)),
-        CPGRL(ConstrainedStep(formulation="linearized", metric=np.diag(np.arange(1.0, 10.0))), [0, 0, 0]), 12,
-    ),
-    "Konda on the arm in Python": (
-        TwoLinkArmEnv(), NETWORK, KondaActorCritic(steps=10),
-        GradientWithRestoration(ConstrainedStep(**SAFE), [0, 0]), 8,
-    ),
-}  # fmt: skip
-PLAIN = CASES["compiled"]
-
-
-def training(case=PLAIN, **options):
-    *parts, episodes = case
-    initial = uniform_parameters(9) if parts[1] is TABLE else None
-    return Training(*parts, **{"episodes": episodes, "runs": [0, 3], "seed": 5, "initial": initial, **options})
-
-
-def seen(record):
-    estimate, update = record.estimate, record.update
-    arrays = [record.parameters, *(getattr(estimate, name) for name in ("values", "gradients", "steps", "rewards"))]
-    return record.episode, [array.tobytes() for array in (*arrays, update.change, update.active)]
+from .trainings import CASES, CHAIN, PLAIN, TABLE, seen, training
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -93,6 +47,25 @@ def test_it_goes_on_with_the_same_bits(name, tmp_path):
         assert found + [seen(record) for record in first] == undisturbed, "saving disturbs nothing"
         first.load(path)
         assert [seen(record) for record in first] == undisturbed[stop:], "one that went on starts over"
+
+
+def parameters_after(name, runs):
+    """θ after each episode, (runs, episodes, n); on the way, that no record is written to later."""
+    records, then = [], []
+    for record in training(CASES[name], runs=runs):
+        records.append(record)
+        then.append(seen(record))
+    assert [seen(record) for record in records] == then
+    return np.stack([record.parameters for record in records], axis=1)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_run_is_the_same_in_any_batch_and_any_thread(name):
+    together = parameters_after(name, [0, 3, 5])
+    assert len(np.unique(together[:, -1], axis=0)) == 3
+    np.testing.assert_array_equal(parameters_after(name, [5, 0]), together[[2, 0]])
+    shares = map_runs(partial(parameters_after, name), [0, 3, 5], processes=3, threads=True)
+    np.testing.assert_array_equal(np.concatenate(shares), together)
 
 
 def test_a_loaded_training_may_be_longer(tmp_path):
@@ -216,45 +189,19 @@ def test_what_another_program_wrote_is_refused(saved):
     assert "whole; found" in refused(saved)
 
 
-class Remembers:
-    """A learner that remembers what it is told to."""
-
-    def __init__(self, memory):
-        self._memory = memory
-        self._met = []
-
-    def update(self, linearization, memory=None, observe=None):  # noqa: ARG002 - a Learner
-        self._met.append(memory)
-        update = WeightedSum().update(linearization)
-        return LearnerUpdate(update.change, update.active, update.stationary, {}, self._memory)
-
-
-def test_a_learners_memory_of_plain_values_comes_back_as_it_was(tmp_path):
+def test_plain_values_come_back_as_they_were_and_other_things_are_refused(tmp_path):
+    """As a learner's memory."""
     memory = {"a": [1, 2.5, None, True, "é"], "b": (np.arange(3), np.float64(0.1), np.array([], bool)), "c": -np.inf}
-    first, second = Remembers(memory), Remembers(memory)
-    begun = training((CHAIN, TABLE, GPOMDP(steps=20), first, 2))
-    next(iter(begun))
-    begun.save(tmp_path / "training.npz")
-    again = training((CHAIN, TABLE, GPOMDP(steps=20), second, 2))
-    again.load(tmp_path / "training.npz")
-    list(again)
-    ((met,), (none, *_)) = second._met, first._met
-    assert none is None
-    assert met["a"] == memory["a"]
-    assert met["c"] == -np.inf
-    assert type(met["b"]) is tuple
+    write_state(tmp_path / "state.npz", "memory", memory)
+    met = read_state(tmp_path / "state.npz", "memory")
+    assert (met["a"], met["c"], type(met["b"])) == (memory["a"], -np.inf, tuple)
     for one, other in zip(met["b"], memory["b"], strict=True):
         assert type(one) is type(other)
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other)
-
-
-def test_a_memory_of_other_things_cannot_be_saved(tmp_path):
-    begun = training((CHAIN, TABLE, GPOMDP(steps=20), Remembers({"when": {1, 2}}), 2))
-    next(iter(begun))
-    with pytest.raises(ValueError, match=r"state\['memory'\]\['when'\] should consist of .* found set"):
-        begun.save(tmp_path / "training.npz")
-    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match=r"state\['when'\] should consist of .* found set"):
+        write_state(tmp_path / "other.npz", "memory", {"when": {1, 2}})
+    assert not (tmp_path / "other.npz").exists()
 
 
 class CountingSolver:
@@ -283,47 +230,16 @@ def test_what_a_solver_counts_is_no_setting_but_its_tolerance_is(tmp_path):
         training(case(tolerance=0.1)).load(tmp_path / "training.npz")
 
 
-class Untold:
-    """An estimator of one's own; `carried` is for `Told` alone."""
-
-    def __init__(self):
-        self.total = 0.0
-
-    def start(self, environment, policy, streams):  # noqa: ARG002 - a GradientEstimator
-        return type(self)._estimation(len(streams))
-
-
-class Counting:
-    def __init__(self, runs):
-        self.sums, self.rngs = np.zeros(runs), [np.random.Generator(np.random.MT19937(k)) for k in range(runs)]
-
-    def episode(self, parameters):
-        self.sums += [rng.random() for rng in self.rngs]
-        runs, n = parameters.shape
-        gradients = np.tile(self.sums[:, None, None], (1, 4, n))
-        return Estimate(gradients[:, :, 0], gradients, np.ones(runs, int), np.zeros((runs, 4)), np.zeros(runs, int))
-
-
-class Saying(Counting):
-    carried = ("sums", "rngs")
-
-
-def test_an_estimator_of_ones_own_is_saved_where_it_says_what_it_carries(tmp_path):
-    path = tmp_path / "training.npz"
-    Untold._estimation, case = Saying, (CHAIN, TABLE, Untold(), WeightedSum(), 9)
-    undisturbed = [seen(record) for record in training(case)]
-    begun = training(case)
-    found = [seen(record) for record, _ in zip(begun, range(4), strict=False)]
-    begun.save(path)
-    again = training(case)
-    again.load(path)
-    assert (
-        found[: begun.episode] + [seen(record) for record in again]
-        == undisturbed[: len(found)] + undisturbed[begun.episode :]
-    )
-    Untold._estimation = Counting
-    with pytest.raises(ValueError, match=r"Counting should name .* carried"):
-        training(case).save(path)
+def test_an_estimation_carries_generators_of_any_kind_or_says_nothing_and_cannot_be_saved(tmp_path):
+    estimation = SimpleNamespace(rng=np.random.Generator(np.random.MT19937(3)), episode=print)
+    begun = training((CHAIN, TABLE, SimpleNamespace(start=lambda *_: estimation), WeightedSum(), 9))
+    with pytest.raises(ValueError, match=r"SimpleNamespace should name .* carried"):
+        begun.save(tmp_path / "training.npz")
+    before = state_of(estimation.rng)
+    drawn = estimation.rng.random(700)  # more than one block of that generator
+    require_like(estimation.rng, before, "rng")
+    put_back(estimation.rng, before)
+    np.testing.assert_array_equal(estimation.rng.random(700), drawn)
 
 
 def test_after_an_error_it_neither_goes_on_nor_is_saved(tmp_path):
