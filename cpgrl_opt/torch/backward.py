@@ -12,12 +12,14 @@ import torch
 from ..linearization import Linearization
 from ..step import ConstrainedStep
 from ..validation import require_count
-from .channels import Channels, Gather, linearize
+from .channels import Channels, Gather, linearize, take_step
 from .loss_scale import overflows, scale_of, skip, unscale
 from .parameters import read_parameters
 from .recomputed import RecomputedVectors, split
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
+
+_DTYPES = (torch.float64, torch.float32, torch.bfloat16)  # of which vectors are read
 
 
 @run_uncompiled
@@ -68,35 +70,41 @@ def constrained_backward(
     """
     rate, scale = _require_rate(step), scale_of(scaler)
     channels = Channels.read(objective, constraints, values, thresholds, kind)
-    moving = read_parameters(parameters)
-    limits = channels.slack_thresholds()
-    known = None if previous is None else previous.previous
+    moving = read_parameters(parameters, _DTYPES)
     if chunks is not None:
         _require_chunks(chunks, batched, scaler, gather)
-        vectors = RecomputedVectors(channels.differentiate_again, split(moving, chunks), 1 + len(limits))
-        linearization = Linearization(channels.evaluate(), vectors)
-        result = step(linearization, limits, known)
-        accumulate(moving, [part.mul_(-1.0 / rate) for part in result.change])
-        return describe(result, linearization.slack(limits), channels.names)
-    settings: dict[str, Any] = {"scale": scale, "retain_graph": retain_graph, "batched": batched}
-    found, gradients, places = channels.differentiate(moving, **settings)
-    if overflows(gradients, scaler):
-        return skip(moving, channels, found)
-    unscale(gradients, scale)
-    linearization = linearize(found, gradients, channels, gather)
-    result = step(linearization, limits, known)
-    accumulate([moving[k] for k in places], [part.mul_(-scale / rate) for part in result.change])
-    return describe(result, linearization.slack(limits), channels.names)
+        linearization, reached = _recompute(channels, moving, chunks), moving
+    else:
+        settings: dict[str, Any] = {"scale": scale, "retain_graph": retain_graph, "batched": batched}
+        found, gradients, reached = channels.differentiate(moving, **settings)
+        if overflows(gradients, scaler):
+            return skip(moving, channels, found)
+        unscale(gradients, scale)
+        linearization = linearize(found, gradients, channels, gather)
+    result = take_step(step, linearization, channels, None if previous is None else previous.previous)
+    accumulate(reached, result.change, -scale / rate)
+    return describe(result, linearization.slack(channels.slack_thresholds()), channels.names)
 
 
-def accumulate(parameters: list[Any], gradients: list[Any]) -> None:
-    """Into `.grad`, as `backward` does."""
+def accumulate(parameters: list[Any], changes: list[Any], factor: float) -> None:
+    """factor × changes into `.grad`, as `backward` does; they are overwritten."""
     with torch.no_grad():
-        for parameter, gradient in zip(parameters, gradients, strict=True):
+        for parameter, change in zip(parameters, changes, strict=True):
             if parameter.grad is None:
-                parameter.grad = gradient
+                # 0 + …, in one pass: a factor < 0 alone would make −0.0 of 0
+                parameter.grad = torch.add(
+                    torch.zeros((), dtype=change.dtype, device=change.device), change, alpha=factor, out=change
+                )
             else:
-                parameter.grad += gradient
+                parameter.grad.add_(change, alpha=factor)
+
+
+def _recompute(channels: Channels, parameters: list[Any], chunks: int) -> Linearization:
+    """Of gradients that are taken anew."""
+    parts = split(parameters, chunks)
+    return Linearization(
+        channels.evaluate(), RecomputedVectors(channels.differentiate_again, parts, 1 + len(channels.constraints))
+    )
 
 
 def _require_chunks(chunks: Any, batched: bool, scaler: Any, gather: Any) -> None:

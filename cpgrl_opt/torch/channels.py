@@ -7,18 +7,25 @@ The sign is what reverse mode begins with, so that no gradient is copied to turn
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import torch
 
 from ..linearization import Linearization
+from ..step import ConstrainedStep
+from ..step_result import StepResult
 from ..validation import finite_array, real_values, require_member, require_shape
 from ..vectors import Sharded
 
 KINDS = ("cost", "reward")
-# What autograd says of a graph that is gone, or that compiled code keeps for one pass only.
-_GONE = ("second time", "donated buffers")
+# What autograd says of graphs that cannot be differentiated, and what to ask for instead.
+_FREED = "second time"
+_BROKEN_GRAPHS = {
+    _FREED: "have a graph that is still there (see retain_graph)",
+    "donated buffers": "have a graph that is still there (see donated_buffer of compiled code)",
+    "modified by an inplace operation": "have a graph whose tensors, parameters too, nobody has written to since",
+}
 
 Gather = Callable[[np.ndarray], Sequence[np.ndarray]]  # of `Sharded`
 Loss = Any  # a tensor of one number, or a function that makes one
@@ -56,8 +63,8 @@ class Channels:
 
     def differentiate(
         self, parameters: list[Any], *, scale: float = 1.0, retain_graph: bool = False, batched: bool = False
-    ) -> tuple[np.ndarray, list[list[Any]], list[int]]:
-        """(values, gradients, places): of the parameters at these places, which are those that any channel depends on.
+    ) -> tuple[np.ndarray, list[list[Any]], list[Any]]:
+        """(values, gradients, reached): of those parameters that any channel depends on.
 
         values (1 + m) and gradients are in this package's signs, the latter times scale. One reverse pass after
         another, or all at once where `batched`.
@@ -67,7 +74,8 @@ class Channels:
         found = np.zeros(1 + len(self.constraints))
         if batched:
             tensors = [self._evaluate(i, each) for i, each in losses]
-            rows = _batched_gradients(tensors, [scale * sign for sign in signs], parameters, retain_graph)
+            names = [self.name(i) for i, _ in losses]
+            rows = _batched_gradients(names, tensors, [scale * sign for sign in signs], parameters, retain_graph)
             values = [float(each.detach()) for each in tensors]
         else:
             rows, values = [], []
@@ -88,7 +96,7 @@ class Channels:
             for k in places:
                 if row[k] is None:
                     row[k] = zeros.setdefault(k, torch.zeros_like(parameters[k]))
-        return found, [[row[k] for k in places] for row in rows], places
+        return found, [[row[k] for k in places] for row in rows], [parameters[k] for k in places]
 
     def require_finite(self, rows: list[list[Any]], first: int = 0) -> None:
         """ValueError that names the channel, the first row being that of the channel `first`."""
@@ -152,6 +160,35 @@ def are_finite(tensors: Iterable[Any]) -> bool:
     return all(bool(torch.isfinite(each).all()) for each in tensors)
 
 
+def require_dense(name: str, row: Iterable[Any]) -> None:
+    """ValueError that names what has a sparse gradient."""
+    for k, part in enumerate(row):
+        if part is not None and part.layout is not torch.strided:
+            raise ValueError(
+                f"{name} should have dense gradients; found {part.layout} in that of parameter number {k}, of shape "
+                f"{tuple(part.shape)}: make the embedding with sparse=False"
+            )
+
+
+def take_step(step: ConstrainedStep, linearization: Linearization, channels: Channels, previous: Any) -> StepResult:
+    """The step's result; ValueError that names the constraint that asks for a change beyond the parameters' dtype."""
+    limits = channels.slack_thresholds()
+    try:
+        return step(linearization, limits, previous)
+    except FloatingPointError as error:
+        missing = np.maximum(-linearization.slack(limits), 0.0)
+        lengths = linearization.vectors[0].lengths()[1:]
+        asked = np.divide(missing, lengths, out=np.zeros(len(missing)), where=lengths > 0.0)
+        if not asked.any():
+            raise ValueError(f"the change of the parameters should be finite; found: {error}") from error
+        k = int(np.argmax(asked))
+        raise ValueError(
+            f"{channels.name(1 + k)} should be restored by a change that is finite in the parameters' dtype; found "
+            f"that it misses its threshold by {missing[k]:.3g}, and its gradient is {lengths[k]:.3g} long: "
+            "max_restoration limits what a step restores"
+        ) from error
+
+
 def _in_order(constraints: Any) -> list[Loss]:
     if isinstance(constraints, torch.Tensor):
         if constraints.ndim != 1:
@@ -177,28 +214,39 @@ def _numbers(name: str, given: Any, names: tuple[Any, ...] | None, count: int) -
 
 
 def _gradient(name: str, tensor: Any, seed: float, parameters: list[Any], retain_graph: bool) -> list[Any]:
+    """ValueError for a graph that cannot be differentiated, and for sparse gradients."""
     start = torch.full_like(tensor, seed)
-    return _attempt(
-        name, lambda: torch.autograd.grad(tensor, parameters, start, retain_graph=retain_graph, allow_unused=True)
-    )
+    try:
+        row = [*torch.autograd.grad(tensor, parameters, start, retain_graph=retain_graph, allow_unused=True)]
+    except RuntimeError as error:
+        _raise_for_graph(name, error)
+    require_dense(name, row)
+    return row
+
+
+def _raise_for_graph(name: str, error: RuntimeError) -> NoReturn:
+    """ValueError where it is about a graph, else what was raised."""
+    for sign, wanted in _BROKEN_GRAPHS.items():
+        if sign in str(error):
+            raise ValueError(f"{name} should {wanted}; found: {error}") from error
+    raise error
 
 
 def _batched_gradients(
-    tensors: list[Any], seeds: list[float], parameters: list[Any], retain_graph: bool
+    names: list[str], tensors: list[Any], seeds: list[float], parameters: list[Any], retain_graph: bool
 ) -> list[list[Any]]:
     """All in one reverse pass, by `vmap`: the rows are views of stacked gradients."""
     outputs = torch.stack([tensor.reshape(()) for tensor in tensors])
     start = torch.diag(torch.tensor(seeds, dtype=outputs.dtype, device=outputs.device))
     settings = {"retain_graph": retain_graph, "allow_unused": True, "is_grads_batched": True}
-    parts = _attempt("constraints", lambda: torch.autograd.grad(outputs, parameters, start, **settings))
-    return [[None if part is None else part[i] for part in parts] for i in range(len(tensors))]
-
-
-def _attempt(name: str, differentiate: Callable[[], Any]) -> list[Any]:
     try:
-        return [*differentiate()]
+        parts = torch.autograd.grad(outputs, parameters, start, **settings)
     except RuntimeError as error:
-        if any(each in str(error) for each in _GONE):
-            advice = "see retain_graph, and donated_buffer where it is compiled"
-            raise ValueError(f"{name} should have a graph that is still there ({advice}); found: {error}") from error
-        raise
+        for name, tensor in zip(names, tensors, strict=True):  # which of them is it?
+            try:
+                _gradient(name, tensor, 1.0, parameters, retain_graph=True)
+            except ValueError as found:
+                if _FREED not in str(found):  # which the pass that failed may have done to all
+                    raise
+        _raise_for_graph("objective and constraints", error)
+    return [[None if part is None else part[i] for part in parts] for i in range(len(tensors))]

@@ -97,7 +97,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         channels = Channels.read(None, constraints, values, thresholds, kind)
         moving = read_parameters(self.param_groups)
         settings: dict[str, Any] = {"scale": scale_of(scaler), "retain_graph": retain_graph, "batched": batched}
-        found, rows, places = channels.differentiate(moving, **settings)
+        found, rows, reached = channels.differentiate(moving, **settings)
         if overflows(rows, scaler):
             self.info = skip(moving, channels, found)
             return
@@ -105,7 +105,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         channels.require_finite(rows, first=1)
         require_finite("values", found)
         if not (self._keeps_first and self._asked is not None):
-            gradients = [{id(moving[k]): part for k, part in zip(places, row, strict=True)} for row in rows]
+            gradients = [{id(each): part for each, part in zip(reached, row, strict=True)} for row in rows]
             self._asked = _Asked(replace(channels, constraints=[]), found, gradients)  # their graphs need not stay
 
     @run_uncompiled

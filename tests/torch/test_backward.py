@@ -117,6 +117,12 @@ def wrong_calls(net: Any, batch: Any) -> dict[str, tuple[str, dict[str, Any]]]:
     nan = (first * torch.tensor(float("nan"))).sum()
     elsewhere = torch.nn.Parameter(torch.ones(2, device="meta"))
     half = torch.nn.Parameter(torch.ones(2, dtype=torch.float16))
+    table = torch.nn.Embedding(3, 2, sparse=True)
+    looked_up = table(torch.tensor([0])).sum()
+    rate = torch.ones((), dtype=torch.float64)
+    written_to = (first * rate).sum()
+    rate.mul_(2.0)
+    single = torch.nn.Parameter(torch.ones(2))
     return {
         "NaN in a gradient": ("constraints.1. should have a finite gradient", {"constraints": [costs[0], nan]}),
         "NaN in the loss": ("objective should have a finite gradient", {"objective": nan}),
@@ -128,11 +134,33 @@ def wrong_calls(net: Any, batch: Any) -> dict[str, tuple[str, dict[str, Any]]]:
         "graph freed": ("objective should have a graph that is still there", {"objective": gone}),
         "devices": ("parameters should be on one device", {"parameters": [first, elsewhere]}),
         "half": (
-            "float64, float32 or bfloat16",
+            "torch.float32, torch.bfloat16; found that number 0 is of torch.float16",
             {"parameters": [half], "objective": half.sum(), "constraints": [], "thresholds": []},
         ),
         "complex": ("parameters should be real", {"parameters": [complex_]}),
-        "integer": ("should have one that requires a gradient", {"parameters": [integer]}),
+        "sparse": (
+            "constraints.0. should have dense gradients.*parameter number 1",
+            {"constraints": [looked_up.double() + costs[0], costs[1]], "parameters": [first, table.weight]},
+        ),
+        "sparse, batched": (
+            "constraints.1. should have dense gradients",
+            {"constraints": [costs[0], looked_up.double()], "parameters": [first, table.weight], "batched": True},
+        ),
+        "written to": ("constraints.1. should have a graph whose", {"constraints": [costs[0], written_to]}),
+        "written to, batched": (
+            "constraints.1. should have a graph whose",
+            {"constraints": [costs[0], written_to], "batched": True},
+        ),
+        "out of reach": (
+            "constraints.0. should be restored by a change that is finite",
+            {"parameters": [single], "objective": single.sum(), "constraints": [1e-42 * single.sum()]}
+            | {"values": [1.0], "thresholds": [0.0]},
+        ),
+        "integer": (
+            "parameters should be floating-point .* number 1 is of torch.int64",
+            {"parameters": [first, integer]},
+        ),
+        "frozen": ("should have one that requires a gradient", {"parameters": [net[0].bias]}),
         "twice": ("found one twice", {"parameters": [first, first]}),
         "no leaf": ("should be leaf tensors", {"parameters": [2.0 * first]}),
         "no tensors": ("parameters should be tensors", {"parameters": [1.0]}),
@@ -153,9 +181,10 @@ def wrong_calls(net: Any, batch: Any) -> dict[str, tuple[str, dict[str, Any]]]:
 
 
 WRONG = [
-    "NaN in a gradient", "NaN in the loss", "no gradient", "other parameters", "graph freed", "devices", "half",
-    "complex", "integer", "twice", "no leaf", "no tensors", "thresholds", "names", "other names", "values", "shape",
-    "kind", "step", "rate", "list", "number",
+    "NaN in a gradient", "NaN in the loss", "no gradient", "other parameters", "graph freed", "written to",
+    "written to, batched", "sparse", "sparse, batched", "out of reach", "devices", "half", "complex", "integer",
+    "frozen", "twice", "no leaf", "no tensors", "thresholds", "names", "other names", "values", "shape", "kind",
+    "step", "rate", "list", "number",
 ]  # fmt: skip
 
 
