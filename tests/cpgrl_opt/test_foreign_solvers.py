@@ -25,7 +25,6 @@ from cpgrl_opt.comparison.recording import Recording
 from cpgrl_opt.comparison.replay import replay
 from cpgrl_opt.solvers import referee, solve_batch
 
-FORMULATIONS = ["equality", "cone", "restoring"]
 # With rates 1 the step is [1, 0.1]: the row [0, 10] asks for 10 d₂ ≥ 1. On a unit row it would ask for d₂ ≥ 1.
 LINEARIZATION = Linearization([0.0, -1.0], [[1.0, 0.0], [0.0, 10.0]])
 TWO = Linearization(np.stack([LINEARIZATION.values] * 2), np.stack([LINEARIZATION.gradients] * 2))
@@ -76,11 +75,10 @@ BOTH = pytest.mark.parametrize("kind", [UnitRows, UnitRowsOfBatches])
 
 @BOTH
 @pytest.mark.parametrize("settings", [{}, {"metric": [1.0, 1.0]}])
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_solver_that_writes_to_the_problem_is_named_and_told_to_copy(kind, settings, formulation):
+def test_a_solver_that_writes_to_the_problem_is_named_and_told_to_copy(kind, settings):
     solver = WithGeometry(kind(divide)) if settings else kind(divide)
     with pytest.raises(ValueError, match=rf"work on copies; found {kind.__name__}.*read-only"):
-        step_of(solver, formulation=formulation, **settings)(LINEARIZATION, [0.0])
+        step_of(solver, **settings)(LINEARIZATION, [0.0])
 
 
 @BOTH
@@ -132,13 +130,11 @@ def test_a_replay_judges_by_the_problem_as_it_was(kind):
 
 
 def test_an_observer_that_writes_is_stopped():
-    for name in ("value", "multipliers", "status", "iterations"):
+    def spoil(_, answers):
+        answers.multipliers[:] = 0
 
-        def spoil(_, answers, name=name):
-            getattr(answers, name)[:] = 0
-
-        with pytest.raises(ValueError, match="read-only"):
-            step_of("active-set")(LINEARIZATION, [0.0], observe=spoil)
+    with pytest.raises(ValueError, match="read-only"):
+        step_of("active-set")(LINEARIZATION, [0.0], observe=spoil)
 
 
 def tightened(slack, previous):
@@ -146,15 +142,9 @@ def tightened(slack, previous):
     return slack <= 0
 
 
-def grown(slack, previous):
-    previous |= slack <= 0
-    return previous
-
-
-@pytest.mark.parametrize("rule", [tightened, grown])
-def test_a_rule_that_writes_to_what_it_is_handed_is_named(rule):
-    with pytest.raises(ValueError, match=f"rule should work on copies; found .*{rule.__name__}.*read-only"):
-        step_of("active-set", rule=rule)(LINEARIZATION, [0.0], np.array([False]))
+def test_a_rule_that_writes_to_what_it_is_handed_is_named():
+    with pytest.raises(ValueError, match=r"rule should work on copies; found .*tightened.*read-only"):
+        step_of("active-set", rule=tightened)(LINEARIZATION, [0.0], np.array([False]))
 
 
 def test_a_rule_may_use_its_array_again():
@@ -188,13 +178,9 @@ def made(**changes):
 ODD_ANSWERS = {
     "None": (None, "found None"),
     "a tuple": ((np.zeros(2), np.zeros(1), 0), r"found \(array"),
-    "one number too few": (made(value=np.zeros(1)), r"found value of shape \(1,\)"),
     "multipliers of another problem": (made(multipliers=np.zeros(4)), r"found multipliers of shape \(4,\)"),
-    "no multipliers": (made(multipliers=None), "multipliers should be an array of real numbers"),
     "a status that there is not": (made(status=7), "found the status 7"),
-    "a truth value as status": (made(status=True), "found the status True"),
     "a word as status": (made(status="solved"), "found the status 'solved'"),
-    "iterations": (made(iterations="many"), "iterations should be an array of real numbers"),
     "radius": (made(radius_multiplier=np.zeros(2)), r"found radius_multiplier of shape \(2,\)"),
 }
 
@@ -205,9 +191,8 @@ def test_a_solve_that_returns_no_direction_is_told_what_to_return(case):
     message = (
         rf"(?s)solve should return a Direction \(value \(2,\), multipliers \(1,\), status\).*{found}.*, from Odd\("
     )
-    for formulation in FORMULATIONS:
-        with pytest.raises(ValueError, match=message):
-            step_of(Odd(answer), formulation=formulation)(LINEARIZATION, [0.0])
+    with pytest.raises(ValueError, match=message):
+        step_of(Odd(answer))(LINEARIZATION, [0.0])
     for problem in (PROBLEM, DirectionProblem(PROBLEM.gradient, PROBLEM.jacobian, PROBLEM.bound, radius=1.0)):
         with pytest.raises(ValueError, match=message):
             WithGeometry(Odd(answer)).solve(problem)
@@ -220,8 +205,6 @@ def batch_of(value=(2, 2), multipliers=(2, 1), status=(0, 0)):
 
 ODD_BATCHES = {
     "None": (None, "found None"),
-    "none": ([], "found 0"),
-    "one row too few": (batch_of(value=(1, 2)), r"found value of shape \(1, 2\)"),
     "multipliers of another shape": (batch_of(multipliers=(2, 2)), r"found multipliers of shape \(2, 2\)"),
     "one status": (batch_of(status=[0]), r"found the statuses array\(\[0\]\)"),
     "statuses that there are not": (batch_of(status=[0, 9]), "found the status 9"),
@@ -259,14 +242,6 @@ def test_a_list_of_directions_is_an_answer_to_a_batch():
     found = step_of(solver)(TWO, [0.0])
     np.testing.assert_allclose(found.change, [[1.0, 0.1]] * 2, rtol=1e-12)
     assert (solver.asked, found.counts["fallback"].tolist()) == ([2], [0, 0])
-
-
-def test_nan_multipliers_are_a_claim_that_is_rejected():
-    for status in (Status.OPTIMAL, Status.INFEASIBLE):
-        found = step_of(Odd(made(value=np.array([1.0, 0.1]), multipliers=np.array([np.nan]), status=status)))
-        result = found(LINEARIZATION, [0.0])
-        assert result.counts["fallback"] == 1
-        np.testing.assert_allclose(result.change, [1.0, 0.1], rtol=1e-12)
 
 
 def test_answers_to_other_problems_are_no_answers_to_these():

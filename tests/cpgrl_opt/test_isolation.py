@@ -54,11 +54,6 @@ def deaf():
         signal.signal(number, signal.SIG_IGN)
     time.sleep(600)
 
-def fork_and_exit():
-    if os.fork() == 0:
-        deaf()
-    os._exit(7)
-
 def fork_and_loop():
     os.fork()
     loop()
@@ -103,17 +98,11 @@ def answer_a_lock():
     return threading.Lock()
 
 class Leaving:
-    def __init__(self, when):
-        self.when = when
-
     def __reduce__(self):
-        return sys.exit() if self.when == "packed" else (sys.exit, ())
+        return sys.exit, ()
 
-def answer_that_exits_here():
-    return Leaving("packed")
-
-def answer_that_exits_there():
-    return Leaving("unpacked")
+def answer_that_exits():
+    return Leaving()
 
 def report_without_end(_, report):
     while True:
@@ -139,9 +128,6 @@ class Solver:
         hold()
         print(f"about to {act}")
         return globals()[act]()
-
-    def keyword(self, *, time_limit):
-        return time_limit
 """
 # what it does → (what is raised, words in the message)
 KILL_TABLE = {
@@ -150,7 +136,6 @@ KILL_TABLE = {
     "print_without_end": (HangError, "in print_without_end"),
     "leave": (CrashError, r"\(exit code 1\); it last wrote: .*bye"),
     "segfault": (CrashError, r"\(signal SIGSEGV\); it was at .* in string_at, .* in segfault"),
-    "fork_and_exit": (CrashError, r"the end of the process \(exit code 7\)"),
     "daemon_and_exit": (CrashError, "exit code 7"),
     "daemon_and_stop": (HangError, "no answer within 0.5 s$"),
     "close_everything": (CrashError, "the end of the process"),
@@ -159,8 +144,7 @@ KILL_TABLE = {
     "fail": (ValueError, "^broken\n"),
     "fork_and_fail": (ValueError, "^of the parent\n"),
     "answer_a_lock": (AnswerError, "can be pickled should come back; found lock, TypeError: cannot pickle"),
-    "answer_that_exits_here": (AnswerError, "found Leaving, SystemExit"),
-    "answer_that_exits_there": (AnswerError, "can be unpickled should come back; found SystemExit"),
+    "answer_that_exits": (AnswerError, "can be unpickled should come back; found SystemExit"),
 }
 NEEDS_LINUX = {"daemon_and_exit", "daemon_and_stop", "eat", "kill_supervisor"}
 
@@ -208,7 +192,7 @@ def test_whatever_it_does_has_a_name_and_leaves_nothing_and_the_next_call_is_ans
     lost, threads = room.losses, threading.active_count()
     with pytest.raises(kind, match=words) as told:
         room.solve(act)
-    assert room.losses - lost == (kind in (HangError, CrashError) or act == "answer_that_exits_there")
+    assert room.losses - lost == (kind in (HangError, CrashError) or act == "answer_that_exits")
     if room.losses > lost:
         assert not is_held(pipe), "a process is left"
         assert threading.active_count() <= threads
@@ -251,29 +235,19 @@ def test_another_thread_may_end_it_in_the_midst_of_a_call(folder):
 
     room = Isolated(misconduct.Solver(), time_limit=600.0)
     threading.Timer(1.0, room.close).start()
-    with pytest.raises(CrashError):
-        room.solve("sleep")
-    with pytest.raises(CrashError, match="was closed"):
-        room.solve("sleep")
+    for words in ("process", "was closed"):
+        with pytest.raises(CrashError, match=words):
+            room.solve("sleep")
 
 
-def test_another_thread_may_end_it_while_it_starts(folder, monkeypatch):
+def test_it_may_be_closed_while_it_starts(folder, monkeypatch):
     import misconduct
 
-    class Closed(Process):
-        def __init__(self, *settings):
-            closing.start()
-            while not room._is_closed:
-                time.sleep(0.01)
-            super().__init__(*settings)
-
     room = Isolated(misconduct.Solver(), time_limit=2.0)
-    closing = threading.Thread(target=room.close)
-    monkeypatch.setattr("cpgrl_opt.isolation.isolated.Process", Closed)
+    usual = Process.__init__
+    monkeypatch.setattr(Process, "__init__", lambda *settings: (room.close(), usual(*settings))[1])
     with pytest.raises(CrashError, match="was closed"):
         room.solve("sleep")
-    closing.join(60)
-    assert not closing.is_alive()
 
 
 def test_after_ctrl_c_the_next_call_gets_its_own_answer(room, hears_interrupts):
@@ -306,11 +280,7 @@ def test_a_solver_looks_the_same_and_the_callers_process_is_not_touched(capfd):
     assert repr(solver) == "Isolated(closed)"
     assert capfd.readouterr() == ("", "")
     assert (sys.stdout, sys.stderr, signal.getsignal(signal.SIGTERM), threading.active_count()) == before
-    assert call(lambda x: x + 1, 2, time_limit=60.0) == 3
-
-
-def test_a_method_gets_its_keywords_also_those_of_apply(room):
-    assert room.keyword(time_limit="its own") == "its own"
+    assert call(lambda x: x + 1, 2, time_limit=60.0, memory_limit=1e30) == 3  # a limit as one likes to write it
 
 
 MAIN = """
@@ -334,19 +304,13 @@ def test_classes_and_functions_of_main_go_there_and_come_back():
     assert subprocess.check_output([sys.executable, "-c", MAIN], text=True).splitlines()[0] == "no"
 
 
-@pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), "10", True, [1.0]])
+@pytest.mark.parametrize("value", [0.0, float("inf"), "10", True])
 def test_wrong_limits_and_nothing_to_isolate_are_refused(value):
     for name in ("time_limit", "memory_limit"):
         with pytest.raises(ValueError, match=rf"{name} should be a number of"):
             Isolated(SOLVERS["nnls"], **{name: value})
     with pytest.raises(ValueError, match="solver should be an object, or make a function"):
         Isolated()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone keeps it")
-@pytest.mark.parametrize("limit", [4e9, 1e30])
-def test_a_limit_of_memory_may_be_written_as_one_likes(limit):
-    assert call(sum, [1, 2], time_limit=60.0, memory_limit=limit) == 3
 
 
 CALLER = """
@@ -371,7 +335,6 @@ with exit_on_termination():
     ("act", "end"),
     [
         ("daemon_and_stop", "SIGKILL"),
-        ("fork_and_loop", "SIGKILL to the group"),
         ("sleep", "SIGKILL beside a fork"),
         ("daemon_and_stop", "SIGHUP"),
         ("sleep", "exit"),
@@ -388,7 +351,7 @@ def test_whatever_ends_the_caller_ends_what_it_started(act, end, folder, pipe):
             assert caller.poll() is None
         time.sleep(0.3)  # for the fork
         number = signal.Signals[end.split()[0]]
-        (os.killpg if "group" in end else os.kill)(caller.pid, number)
+        caller.send_signal(number)
         assert caller.wait(60) == (-number if number == signal.SIGKILL else 128 + number)
     assert not is_held(pipe)
     if "fork" in end:

@@ -1,14 +1,11 @@
 """Long vectors are read where they lie, in any storage, and as they are when they are read."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 
-from cpgrl_opt import SOLVERS, DirectionProblem, Linearization, Status, kkt_residuals
+from cpgrl_opt import SOLVERS, DirectionProblem, Status
 
-from .long import at_angle, distance, drawn_problem, on_rows
+from .long import distance, on_rows
 
 pytestmark = pytest.mark.usefixtures("every_problem_is_long")
 ACTIVE_SET = SOLVERS["active-set"]
@@ -55,19 +52,6 @@ def test_storage_of_any_strides_gives_the_answer_of_a_contiguous_copy(storage, c
     np.testing.assert_allclose(in_metric, plain, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("storage", STORED)
-def test_storage_of_any_strides_is_read_in_pairs_and_by_the_referee_too(storage):
-    g, J = STORED[storage](np.vstack(at_angle(1e-6, n=9000)))
-    problem = DirectionProblem(g, J)
-    answer = ACTIVE_SET.solve(problem)
-    assert answer.rung == "pairs"
-    plain = ACTIVE_SET.solve(DirectionProblem(g.copy(), np.array(J, order="C")))
-    assert distance(problem, answer, plain) <= 1e-14
-    found = kkt_residuals(problem, answer)
-    with on_rows():
-        assert found.worst == pytest.approx(kkt_residuals(DirectionProblem(g, J), answer).worst, abs=1e-14)
-
-
 def test_short_problems_are_copied():
     with on_rows():
         assert not np.shares_memory(DirectionProblem(WIDE[0], WIDE[1:4]).jacobian, WIDE)
@@ -75,31 +59,12 @@ def test_short_problems_are_copied():
     assert not np.shares_memory(DirectionProblem(few[0], few[1:4]).jacobian, WIDE)  # n = 4 (1 + m)
 
 
-@pytest.mark.parametrize("storage", ["transposed", "rows apart"])
-def test_copies_and_pickles_own_the_same_arrays_read_only(storage):
-    g, J = STORED[storage](WIDE[:4])
-    problem = DirectionProblem(g, J, [0.1, -0.2, 0.3])
-    expected = ACTIVE_SET.solve(problem).value
-    for make in (copy.copy, copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each)), DirectionProblem.copied):
-        again = make(problem)
-        for name in ("gradient", "jacobian", "bound", "equality"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(problem, name))
-        assert not np.shares_memory(again.jacobian, WIDE)
-        np.testing.assert_allclose(ACTIVE_SET.solve(again).value, expected, rtol=0, atol=1e-14)
-    linearization = Linearization(np.zeros(4), WIDE[:4])
-    assert len(pickle.dumps(linearization)) < 1.2 * WIDE[:4].nbytes
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(linearization)).gradients, WIDE[:4])
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
         (lambda rows: [*rows[:4], rows[4][:-1]], "rectangular"),
-        (lambda rows: [*rows[:4], np.full(300, np.nan)], "finite"),
-        (lambda rows: [*rows[:4], np.full(300, -np.inf)], "finite"),
         (lambda rows: np.vstack([*rows[:4], np.full(300, np.nan)]), "jacobian should be finite; found nan"),
         (lambda rows: [row[:-1] for row in rows], "gradient should have shape"),
-        (lambda rows: [row.astype(np.float32) for row in rows], "gradient's kind, arrays of float64; found float32"),
     ],
 )
 def test_bad_rows_are_refused(spoil, message):
@@ -109,16 +74,12 @@ def test_bad_rows_are_refused(spoil, message):
 
 CHANGES = {
     "doubled": lambda V: np.multiply(V, 2.0, out=V),
-    "one row shorter": lambda V: np.multiply(V[2], 1e-3, out=V[2]),
     "one row much shorter": lambda V: np.multiply(V[2], 1e-11, out=V[2]),
     "one row turned": lambda V: np.copyto(V[2], WIDE[7]),
-    "one number": lambda V: np.copyto(V[1, :1], 3.0),
-    "last digits": lambda V: np.multiply(V, 1.0 + 1e-7 * WIDE[:4], out=V),
     "very last digits": lambda V: np.multiply(V, 1.0 + 1e-9 * WIDE[:4], out=V),
     "gradient": lambda V: np.copyto(V[0], WIDE[7]),
     "nothing left": lambda V: np.copyto(V, 0.0),
     "no number": lambda V: np.copyto(V[2, 3:4], np.nan),
-    "infinite": lambda V: np.copyto(V[0, 3:4], np.inf),
 }
 
 
@@ -145,9 +106,3 @@ def test_arrays_that_change_under_a_problem_do_not_stay_infeasible():
     assert ACTIVE_SET.solve(problem).status == Status.INFEASIBLE
     V[2] = WIDE[7]
     assert ACTIVE_SET.solve(problem).status == Status.OPTIMAL
-
-
-def test_arrays_put_in_the_place_of_a_problems_own_are_the_ones_looked_at():
-    problem = drawn_problem(2)
-    object.__setattr__(problem, "gradient", np.where(np.arange(problem.n) == 3, np.nan, problem.gradient))
-    assert ACTIVE_SET.solve(problem).status not in (Status.OPTIMAL, Status.INFEASIBLE)

@@ -37,9 +37,8 @@ def test_problems_and_batches_are_copies_that_nobody_makes_writable():
                 held.flags.writeable = True
 
 
-@pytest.mark.parametrize("bound", [0.0, [0.0, 0.0], np.zeros(2)], ids=["one for all", "list", "array"])
-def test_nobody_makes_what_a_long_problem_owns_writable(bound):
-    problem = DirectionProblem(np.ones(60_000), np.eye(2, 60_000), bound)
+def test_nobody_makes_what_a_long_problem_owns_writable():
+    problem = DirectionProblem(np.ones(60_000), np.eye(2, 60_000), np.zeros(2))
     for array in (problem.bound, problem.equality):
         with pytest.raises(ValueError, match="WRITEABLE"):
             array.flags.writeable = True
@@ -68,7 +67,7 @@ def test_a_batch_reads_as_its_problems():
     assert ProblemBatch(np.ones((3, 2)), np.ones((3, 4, 2))).bound.shape == (3, 4)
 
 
-@pytest.mark.parametrize("half", [0.5, np.array(0.5), np.float32(0.5), np.array(0.5, np.float32)], ids=repr)
+@pytest.mark.parametrize("half", [np.array(0.5), np.float32(0.5)], ids=repr)
 def test_a_number_is_a_number_whatever_library_spelt_it_and_whoever_changes_it_later(half):
     problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]], half, radius=half)
     assert (problem.bound.tolist(), problem.radius) == ([0.5], 0.5)
@@ -113,7 +112,6 @@ def geometric():
 
 
 HOLDERS = {
-    "a step": lambda: ConstrainedStep(metric=MATRIX),
     "a step in a diagonal metric": lambda: ConstrainedStep(metric=[1.0, 2.0], radius=1.0, formulation="restoring"),
     "a problem": lambda: DirectionProblem([1.0, 2.0], [[1.0, 0.0]], [-np.inf], metric=MATRIX, radius=3.0),
     "a batch": lambda: ProblemBatch(
@@ -121,7 +119,6 @@ HOLDERS = {
     ),
     "a member": lambda: ProblemBatch(**THREE).in_geometry(MATRIX, 1.0)[1],
     "a batch in one geometry": lambda: ProblemBatch(**THREE).in_geometry([1.0, 2.0], 1.0),
-    "every other": lambda: geometric()[::2],
     "the chosen": lambda: geometric().select(np.array([True, False, True])),
     "a stack": lambda: ProblemBatch.stack(list(geometric())),
     "a trusted one": lambda: DirectionProblem.trusted(np.ones(2), np.ones((1, 2)), np.zeros(1), np.zeros(1, np.bool_)),
@@ -147,15 +144,6 @@ def test_what_is_read_only_is_so_after_copying_and_unpickling(holder, how):
         assert (other, hash(other)) == (original, hash(original))
         linearization = Linearization([0.0, -1.0], [[1.0, 2.0], [1.0, -1.0]])
         np.testing.assert_array_equal(other(linearization, [0.0]).change, original(linearization, [0.0]).change)
-
-
-def test_a_copy_of_problems_is_the_same_in_arrays_of_its_own():
-    for problem in (geometric(), geometric()[1], ProblemBatch(**THREE).in_geometry([1.0, 2.0], None)):
-        copied = problem.copied()
-        for name in ("gradient", "jacobian", "bound", "equality", "metric", "radius"):
-            one, two = getattr(copied, name), getattr(problem, name)
-            np.testing.assert_array_equal(one, two)
-            assert not isinstance(two, np.ndarray) or not np.shares_memory(one, two)
 
 
 @pytest.mark.parametrize("kind", [DirectionProblem, ProblemBatch])

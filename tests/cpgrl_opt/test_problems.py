@@ -1,5 +1,7 @@
 """Families of problems: what their table says of them holds, whoever makes the choices, and they are drawn by name."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,10 @@ from cpgrl_opt import SOLVERS, DirectionProblem, Status
 from cpgrl_opt.exact import exact_answer, is_small_enough
 from cpgrl_opt.problems import FAMILIES, Case, Family, draw_problem, families
 from cpgrl_opt.problems.case import ALL_CASES
+from cpgrl_opt.problems.infeasible import infeasible
+from cpgrl_opt.problems.source import RandomSource
 from cpgrl_opt.testing import problems_of
+from cpgrl_opt.testing.law import varied
 
 
 def some(name: str, case: Case | None = None, count: int = 4, **shape: int) -> list[DirectionProblem]:
@@ -68,6 +73,7 @@ def test_a_problem_is_a_function_of_the_generator_alone_and_of_the_shape_asked_f
             one[0].jacobian.tobytes() + one[0].bound.tobytes() == again[0].jacobian.tobytes() + again[0].bound.tobytes()
         )
         assert [(each.n, each.m) for each in some(name, n=6, m=5)] == [(6, 5)] * 4
+    assert {each.m for each in some("pinched", n=4, m=5, count=8)} == {4, 5}, "four rows, and one more or none"
     kinds = {bool(problem.equality.any()) for problem in some("ordinary", count=12)}
     assert kinds == {True, False}, "the kind of constraints is drawn too"
 
@@ -92,6 +98,7 @@ HOLDS = {
     "sum to zero": lambda p: not p.jacobian.sum(axis=0).round(12).any() and rank(p) == p.m - 1,
     "duplicate rows": lambda p: len({tuple(row / np.abs(row).max()) for row in p.jacobian}) == 2,
     "opposing rows": lambda p: (p.jacobian @ p.jacobian.T).min() < 0,
+    "pinched": lambda p: p.equality.all() or not exact_answer(varied(p, bound=p.bound + 2.0**-20)).feasible,
     "zero rows": lambda p: (~p.jacobian.any(axis=1)).sum() == 1,
     "cone of zero": lambda p: not exact_answer(p).direction.any(),
     "degenerate vertex": lambda p: (p.jacobian @ exact_answer(p).direction == p.bound).sum() > p.n,
@@ -100,6 +107,19 @@ HOLDS = {
     "feasible gradient": lambda p: (p.jacobian @ p.gradient >= p.bound - 1e-9).all(),
     "row scales": lambda p: np.ptp(np.log10(np.linalg.norm(p.jacobian, axis=1))) > 10,
 }
+
+
+def test_what_is_infeasible_asks_for_a_part_of_the_gradients_length_where_all_else_has_room() -> None:
+    """In two parameters three of the six rows tell d₀, from which these miss ‖g‖‖Jᵢ‖/32."""
+    for seed in range(6):
+        p = infeasible(RandomSource(np.random.default_rng(seed), 2, 6), Case.BOUNDS, support=3, gap=1 / 32)
+        size = np.linalg.norm(p.gradient) * np.linalg.norm(p.jacobian, axis=1)
+        found = []
+        for rows in map(list, combinations(range(6), 3)):
+            d = np.linalg.lstsq(p.jacobian[rows], (p.bound - size / 32)[rows])[0]
+            room = np.sort((p.jacobian @ d - p.bound) / size)
+            found.append(np.allclose(room[:3], -1 / 32) and 0.1 <= room[3] <= room[5] <= 1.0)
+        assert any(found)
 
 
 @pytest.mark.parametrize("name", HOLDS)

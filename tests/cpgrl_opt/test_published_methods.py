@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
+from cpgrl_opt import SOLVERS, DirectionProblem, Status
 from cpgrl_opt.published import AGEM, CPO, CRPO, GEM, MGDA, PCPO, PUBLISHED, PCGrad, UPGrad
 from cpgrl_opt.published._mgda import shortest_of_hull
 from cpgrl_opt.testing import direction_problems
@@ -39,15 +39,12 @@ def balls(draw):
         (PCGrad(), CONFLICT, [-4 + 66 / 19 + 6 - 44 / 9, 2 + 11 / 19 + 11 / 9, 2 + 11 / 19 + 11 / 9]),
         (UPGrad(), CONFLICT, [(2 + 66 / 19 - 44 / 9) / 2, (2 + 11 / 19 + 11 / 9) / 2, (2 + 11 / 19 + 11 / 9) / 2]),
         (GEM(), CONFLICT, [-4 + 66 / 19, 1 + 11 / 19, 1 + 11 / 19]),
-        (AGEM(), CONFLICT, [-4 + 66 / 19, 1 + 11 / 19, 1 + 11 / 19]),
         (GEM(memory_strength=0.5), DirectionProblem([1.0, 0.0], [[-2.0, 0.0], [0.0, 1.0]]), [-1.0, 0.5]),
         (AGEM(), DirectionProblem([1.0, 0.0], [[-3.0, 0.0], [1.0, 2.0]]), [0.5, 0.5]),
         (AGEM(), DirectionProblem([1.0, 0.0], [[-3.0, 0.0], [4.0, 0.0]]), [1.0, 0.0]),
         (CRPO(), DirectionProblem([1.0, 0.0], [[0.0, 1.0], [0.0, 2.0]], [0.1, 0.2]), [0.0, 2.0]),
-        (CRPO(), DirectionProblem([1.0, 0.0], [[0.0, 1.0]], [-0.1]), [1.0, 0.0]),
         (CRPO(slack_allowed=0.3), DirectionProblem([1.0, 0.0], [[0.0, 1.0]], [0.2]), [1.0, 0.0]),
         (MGDA(), DirectionProblem([2.0, 0.0], [[0.0, 1.0]]), [0.4, 0.8]),
-        (CPO(), DirectionProblem([3.0, 4.0], [[0.0, 1.0]], radius=5.0), [3.0, 4.0]),
         (CPO(), DirectionProblem([3.0, 4.0], [[0.0, -1.0]], radius=5.0), [5.0, 0.0]),
         (CPO(), DirectionProblem([3.0, 4.0], [[0.0, -1.0]], [4.0], radius=5.0), [3.0, -4.0]),
         (CPO(), DirectionProblem([3.0, 4.0], [[0.0, -2.0]], [20.0], radius=5.0), [0.0, -5.0]),
@@ -134,14 +131,6 @@ def test_pcpo_and_cpo_coincide_where_the_step_without_the_constraint_is_feasible
         np.testing.assert_allclose(found["cpo"].value, step, atol=1e-12)
 
 
-def test_a_sign_error_in_cpos_dual_is_seen_by_the_referee():
-    """ν = max(λc − r, 0)/s with g of the reward: the multipliers of −g."""
-    problem = DirectionProblem([3.0, 4.0], [[0.0, -1.0]], radius=5.0)
-    wrong = CPO().solve(DirectionProblem([-3.0, -4.0], [[0.0, -1.0]], radius=5.0))
-    assert kkt_residuals(problem, CPO().solve(problem)).worst <= 1e-12
-    assert kkt_residuals(problem, wrong).worst > 0.1
-
-
 def test_a_ball_that_touches_the_constraint_in_one_point_is_not_certified():
     touching = DirectionProblem([0.0, 1.0], [[1.0, 0.0]], [1.0], radius=1.0)
     found = CPO().solve(touching)
@@ -155,19 +144,6 @@ def test_what_a_method_does_not_take_is_unsupported(name):
     found = PUBLISHED[name].solve(problem)
     assert found.status == Status.UNSUPPORTED
     assert not found.value.any()
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: GEM(memory_strength=-1.0), "memory_strength should be a number ≥ 0; found -1.0"),
-        (lambda: CRPO(slack_allowed=float("nan")), "slack_allowed should be a number ≥ 0"),
-        (lambda: PCPO(projection="l1"), "projection should be one of kl, l2; found 'l1'"),
-    ],
-)
-def test_settings_out_of_range_are_refused(make, words):
-    with pytest.raises(ValueError, match=words):
-        make()
 
 
 def test_switched_off_rows_are_no_tasks():

@@ -27,11 +27,9 @@ BY_HAND = {
     "one wall turns the gradient": (DirectionProblem([1, 1], [[-1, 0]]), [0, 1], [1]),
     "a long row is the same wall": (DirectionProblem([1, 1], [[-1e9, 0]]), [0, 1], [1e-9]),
     "a corner stops it": (DirectionProblem([-1, -2], np.eye(2)), [0, 0], [1, 2]),
-    "walls behind it do nothing": (DirectionProblem([1, 2], np.eye(2)), [1, 2], [0, 0]),
     "a bound pushes": (DirectionProblem([0, 0], [[1, 1]], 2), [1, 1], [1]),
     "a bound allows a step back": (DirectionProblem([-3, 5], [[1, 0]], -1), [-1, 5], [2]),
     "an equality holds both ways": (DirectionProblem([1, 2], [[0, 1]], 0, True), [1, 0], [-2]),
-    "an equality with a bound": (DirectionProblem([1, 2], [[0, 2]], 1, True), [1, 0.5], [-0.75]),
     "an equality beside a wall": (
         DirectionProblem([1, 1, 1], [[0, 0, 1], [-1, 0, 0]], [2, 0], [True, False]),
         [0, 1, 2],
@@ -42,11 +40,6 @@ BY_HAND = {
     "three walls that sum to zero": (DirectionProblem([1, 2], [[1, 0], [-1, 1], [0, -1]]), [0, 0], None),
     "a zero row is met": (DirectionProblem([1, 1], [[0, 0], [-1, 0]], [-1, 0]), [0, 1], [0, 1]),
     "a constraint is switched off": (DirectionProblem([1, 1], [[-1, 0], [0, -1]], [0, -np.inf]), [0, 1], [1, 0]),
-    "an equality and one switched off": (
-        DirectionProblem([1, 1], [[1, 0], [0, -1]], [0, -np.inf], [True, False]),
-        [0, 1],
-        [-1, 0],
-    ),
     "a bound too low to matter": (DirectionProblem([1, 1], [[-1, 0], [0, -1]], [0, -1e12]), [0, 1], [1, 0]),
     "no constraints": (DirectionProblem([1, 2], np.zeros((0, 2))), [1, 2], []),
     "no gradient": (DirectionProblem([0, 0], np.eye(2), [-1, 0]), [0, 0], [0, 0]),
@@ -55,17 +48,12 @@ BY_HAND = {
 
 IMPOSSIBLE = {
     "opposing walls apart": (DirectionProblem([0.3, 0.7], [[1, 0], [-1, 0]], [1, 1]), [0, 0.7]),
-    "the lengths of rows do not shift the middle": (
-        DirectionProblem([0.3, 0.7], [[10, 0], [-0.1, 0]], [10, 0.1]),
-        [0, 0.7],
-    ),
     "equalities that differ": (DirectionProblem([5, 1], [[1, 0], [1, 0]], [1, 3], True), [2, 1]),
     "a zero row that asks for something": (DirectionProblem([1, 2], [[0, 0], [-1, 0]], [1, 0]), [0, 2]),
     "three walls round nothing": (
         DirectionProblem([4, 4, 4], [[1, 0, 0], [0, 1, 0], [-1, -1, 0]], [1, 1, 1]),
         [0.25, 0.25, 4],  # min (1 − x)² + (1 − y)² + ½(1 + x + y)²: the third row has length √2
     ),
-    "walls a millionth apart": (DirectionProblem([0.3, 0.7], [[1, 0], [-1, 0]], [1e-6, 0]), [5e-7, 0.7]),
 }
 
 
@@ -136,12 +124,6 @@ def test_an_answer_that_overflows_is_a_numerical_error_and_zeros(solver: Directi
     answer = solver.solve(problem)
     if supports(solver, problem):
         assert answer.status == Status.NUMERICAL_ERROR
-    assert not answer.value.any()
-
-
-def test_enumeration_declines_a_thirteenth_constraint() -> None:
-    answer = Enumeration().solve(DirectionProblem(np.ones(2), -np.ones((13, 2))))
-    assert answer.status == Status.UNSUPPORTED
     assert not answer.value.any()
 
 

@@ -82,17 +82,6 @@ def test_threads_give_the_same_answers_and_touch_no_stream_and_no_filter(
     assert printed.err == ""
 
 
-@pytest.mark.usefixtures("hurried", "hears_interrupts")
-@pytest.mark.parametrize("name", CATCH_CTRL_C)
-def test_ctrl_c_works_after_threads_have_solved(name: str) -> None:
-    solver = SOLVERS[name]
-    given = problems(solver)[:4] * 4
-    with ThreadPoolExecutor(THREADS) as pool:
-        list(pool.map(lambda _: [solver.solve(problem) for problem in given], range(THREADS)))
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
-
-
 def solve_and_wait(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """A solver that is done before the signal comes has not lost it; one that caught it has."""
     solver.solve(problem)

@@ -11,8 +11,7 @@ from cpgrl_opt.solvers import SOLVERS, is_usable
 from cpgrl_opt.solvers.infeasibility import infeasible_direction
 from cpgrl_opt.solvers.nnls import least_distance
 from cpgrl_opt.solvers.pipeline import solve_by
-from cpgrl_opt.solvers.polishing import polish, project_onto_face
-from cpgrl_opt.solvers.small_problem import SmallAnswer, SmallProblem, scale_problem
+from cpgrl_opt.solvers.small_problem import SmallAnswer, SmallProblem
 
 TOLERANCE = 1e-9
 
@@ -65,24 +64,6 @@ def test_polishing_certifies_what_a_first_order_method_found(seed: int) -> None:
     assert raw.status == Status.UNCERTIFIED
     assert better.status == Status.OPTIMAL
     assert kkt_residuals(problem, better).worst <= 1e-13
-
-
-def test_polishing_drops_an_undecided_row_with_a_negative_multiplier() -> None:
-    problem = DirectionProblem([1.0, 1.0], [[-1, 0], [-1, 1e-8]])  # d = (0, 1): the second row is 1e-8 away
-    scaled = scale_problem(problem)
-    points = list(polish(scaled.small, np.array([0.0, 1.0]) / scaled.scale, np.array([0.5, 0.2])))
-    d, multipliers = points[-1]
-    np.testing.assert_allclose(d * scaled.scale, [0, 1], atol=1e-15)
-    assert multipliers[1] == 0.0
-
-
-def test_a_face_of_dependent_rows_has_multipliers_with_the_right_signs() -> None:
-    rows = np.array([[1.0, 0], [0, 1], [1, 1], [2, 1]])
-    scaled = scale_problem(DirectionProblem([-1.0, -2.0], rows))
-    d, multipliers = project_onto_face(scaled.small, np.ones(4, dtype=np.bool_))
-    np.testing.assert_allclose(d, 0.0, atol=1e-15)
-    assert (multipliers >= 0.0).all()
-    np.testing.assert_allclose(multipliers @ scaled.small.rows, d - scaled.small.center, atol=1e-15)
 
 
 @pytest.mark.parametrize("failure", [Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.ITERATION_LIMIT])

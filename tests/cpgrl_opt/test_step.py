@@ -57,19 +57,6 @@ def test_cone_and_restoring_meet_their_constraints_and_the_single_qp_is_nearer_t
     assert np.linalg.norm(inside - goal) <= np.linalg.norm(apart - goal) + 1e-12
 
 
-def test_a_step_with_a_margin_keeps_level_what_a_step_without_one_lets_fall():
-    """g = (−1, 1) would lower what the constraint, met by 0.5, holds: its row is (1, 0)."""
-    linearization = Linearization([0.0, 0.5], [[-1.0, 1.0], [1.0, 0.0]])
-    for formulation in ACTIVE_ONLY:
-        falls, stays = (
-            plain(formulation=formulation, rule=partial(violated, margin=margin))(linearization, [0.0])
-            for margin in (0.4, 0.6)
-        )
-        assert falls.change[0] < -1e-3
-        assert abs(stays.change[0]) < 1e-12
-        assert stays.change[1] > 1e-3
-
-
 def test_rules_activate_constraints_up_to_their_margin_and_keep_them_within_their_band():
     slack = np.array([[-0.1, 0.0, 0.05], [0.1, 0.15, 1.0]])
     assert violated(slack).tolist() == [[True, True, False], [False, False, False]]
@@ -97,13 +84,7 @@ class TestDropRule:
         result = plain(drop=drop)(self.LINEARIZATION, [0.0, 0.0])
         np.testing.assert_allclose(result.change, change, atol=1e-15)
         assert result.counts["dropped"] == count
-
-    def test_a_dropped_constraint_has_no_multiplier(self):
-        """Δ¹ climbs the second constraint by itself."""
-        linearization = Linearization([0.0, -1.0, -1.0], [[-1.0, 1.0], [1.0, 0.0], [0.0, 1.0]])
-        result = plain(drop="always", restoration_rate=0.0)(linearization, [0.0, 0.0])
-        assert result.counts["dropped"] == 1
-        np.testing.assert_allclose(result.multipliers, [1.0, 0.0])
+        assert np.count_nonzero(result.multipliers) == 2 - count
 
 
 class TestRestoration:
@@ -170,9 +151,7 @@ class TestStatuses:
     LINEARIZATION = Linearization([0.0, -1.0], [[1.0, 1.0], [0.0, 1.0]])
     OPPOSED = Linearization([0.0, -1.0, -1.0], [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
-    @pytest.mark.parametrize(
-        "status", [Status.UNCERTIFIED, Status.ITERATION_LIMIT, Status.NUMERICAL_ERROR, Status.UNSUPPORTED]
-    )
+    @pytest.mark.parametrize("status", [Status.UNCERTIFIED, Status.UNSUPPORTED])
     def test_a_failure_falls_back_to_the_exact_solver_or_is_skipped_or_raised(self, status):
         failing = Claiming(7.0, status)
         result = plain(solver=failing)(self.LINEARIZATION, [0.0])
@@ -226,12 +205,6 @@ class TestStatuses:
         result = ConstrainedStep(solver=Sloppy())(drawn(3, 2), [1.0, 1.0])
         assert 1e-5 < result.residuals.max() < 1e-3
         assert result.residuals[2] == 0.0  # dual
-
-
-@pytest.mark.parametrize("scale", [1e-160, 1e160])
-def test_extreme_rows_have_the_multipliers_of_the_rows_as_given(scale):
-    linearization = Linearization([0.0, -1.0], [[-1.0, 1.0], [scale, 0.0]])
-    np.testing.assert_allclose(ConstrainedStep(formulation="cone")(linearization, [0.0]).multipliers, [1.0 / scale])
 
 
 def test_an_observer_sees_every_subproblem_with_its_answer_and_keeps_what_it_saw():

@@ -2,7 +2,6 @@
 
 import dataclasses
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -30,7 +29,8 @@ THRESHOLDS = [0.0, 0.0]
 
 @pytest.mark.parametrize("formulation", ACTIVE_ONLY)
 @pytest.mark.parametrize(
-    "liar", [Claiming(None, Status.OPTIMAL), Claiming(np.nan, Status.OPTIMAL), Claiming(None, Status.INFEASIBLE)]
+    "liar",
+    [Claiming(None, Status.OPTIMAL, 1.0), Claiming(np.nan, Status.OPTIMAL), Claiming(None, Status.INFEASIBLE, 1.0)],
 )
 def test_a_foreign_claim_that_the_referee_rejects_falls_back(formulation, liar):
     exact = ConstrainedStep(formulation=formulation)(LINEARIZATION, THRESHOLDS)
@@ -56,18 +56,13 @@ def test_a_subclass_of_a_solver_of_ours_is_put_before_the_referee():
 
 @dataclass(frozen=True)
 class Typed:
-    """A right solver, or one that fails, whose arrays are of another type or order than ours."""
+    """A right solver whose arrays are of another type or order than ours."""
 
     form: str
 
     takes_geometry: ClassVar[bool] = True
 
     def solve(self, problem):
-        if self.form == "failed integers":
-            failed = Direction(np.zeros(problem.n), np.zeros(problem.m), Status.NUMERICAL_ERROR)
-            object.__setattr__(failed, "value", np.zeros(problem.n, int))  # past the types that tests check
-            object.__setattr__(failed, "multipliers", np.zeros(problem.m, int))
-            return failed
         answer = SOLVERS["nnls"].solve(problem)
         return Direction(answer.value.astype(np.float32), answer.multipliers.astype(np.float32), answer.status)
 
@@ -78,15 +73,15 @@ class TypedBatches(Typed):
 
     def solve_batch(self, problems):
         answers = DirectionBatch.stack([SOLVERS["nnls"].solve(problem) for problem in problems])
-        value = np.asfortranarray(answers.value) if self.form == "columns first" else answers.value
-        value.flags.writeable = self.form != "read-only"
+        value = np.asfortranarray(answers.value)
+        value.flags.writeable = False
         return dataclasses.replace(answers, value=value, status=answers.status.astype(np.int8))
 
 
 @pytest.mark.parametrize("metric", [None, [1.0, 1.0, 1.0]])
 @pytest.mark.parametrize(
     "solver",
-    [Typed("failed integers"), Typed("float32"), TypedBatches("columns first"), TypedBatches("read-only")],
+    [Typed("float32"), TypedBatches("read-only, columns first, statuses of int8")],
     ids=lambda solver: solver.form,
 )
 def test_answers_of_any_type_and_order_are_taken(solver, metric):
@@ -165,14 +160,6 @@ def test_our_own_batches_decline_what_they_do_not_take_by_themselves() -> None:
             assert (answer.status == Status.UNSUPPORTED) == (not solver.supports(problem)), solver
 
 
-def test_what_a_solver_raises_goes_on() -> None:
-    def solve(_):
-        raise RuntimeError("no licence")
-
-    with pytest.raises(RuntimeError, match="no licence"):
-        ConstrainedStep(solver=SimpleNamespace(solve=solve))(LINEARIZATION, THRESHOLDS)
-
-
 def change(value, threshold, gradients, **settings):
     with np.errstate(over="ignore"):
         return ConstrainedStep(**settings)(Linearization([0.0, value], gradients), [threshold])
@@ -190,8 +177,6 @@ STEEP = [[1e300, 1e300], [1.0, 0.0]]
             lambda: change(-1e200, 0.0, [[1.0], [1.0]], formulation="restoring", step_size=1e-200),
         ),
         ("step_size .* lower the rates", lambda: change(1.0, 0.0, STEEP, step_size=1e10)),
-        ("step_size .* lower the rates", lambda: change(1.0, 0.0, STEEP, step_size=1e10, formulation="cone")),
-        ("step_size .* lower the rates", lambda: change(1.0, 0.0, STEEP, step_size=1e10, formulation="restoring")),
         (
             "gradients should be finite where the metric is the identity",
             lambda: change(-1.0, 0.0, [[1.0, 1.0], [1e200, 1.0]], metric=[1e-250, 1.0]),

@@ -6,11 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from cpgrl_opt import SOLVERS, DirectionProblem, Linearization, Status
+from cpgrl_opt import DirectionProblem, Linearization, Status
 from cpgrl_opt.published import CPO
-from cpgrl_opt.recovery import recover
-from cpgrl_opt.reduction import Coordinates
-from cpgrl_opt.vectors import _numpy as array_vectors
 
 from .steps import drawn, full
 
@@ -158,11 +155,6 @@ def test_of_rows_that_nearly_oppose_each_other_the_ball_lets_through_what_it_can
     np.testing.assert_allclose(result.change, [radius * np.sin(angle), radius * np.cos(angle)], rtol=1e-9)
 
 
-def test_what_violates_least_and_meets_the_others_stays_as_it_is():
-    problem = DirectionProblem([1.0, 0.0], [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]], [1.0, 1.0, -1.0])
-    assert recover(problem, SOLVERS["active-set"].solve(problem).value) is None
-
-
 @pytest.mark.parametrize("formulation", ["restoring", "linearized"])
 def test_no_step_is_called_stationary_because_its_rows_contradict_each_other(formulation):
     """d = 0 violates least, and Δ¹ = 0 beside it."""
@@ -173,34 +165,12 @@ def test_no_step_is_called_stationary_because_its_rows_contradict_each_other(for
     assert not result.stationary
 
 
-def test_every_rung_of_long_gradients_has_all_constraints(monkeypatch):
-    """The first rung is told that its answer does not hold; it left one of three multipliers positive."""
-    monkeypatch.setattr(array_vectors, "LEAST_PRODUCTS", 0)
-    long = Linearization([0.0, 0.1, 0.2, -0.3], np.random.default_rng(1).standard_normal((4, 120)))
-    usual, answers = Coordinates.holds, iter([False, True])
-    result = full()(long, np.zeros(3))
-    assert 0 < result.active.sum() < 3
-    monkeypatch.setattr(Coordinates, "holds", lambda *arguments: next(answers) and usual(*arguments))
-    again = full()(long, np.zeros(3))
-    np.testing.assert_allclose(again.change, result.change, rtol=1e-12)
-    assert again.counts["flat"] == 0
-    assert not list(answers)
-
-
 @pytest.mark.parametrize("scale", [1e-160, 1e160])
 def test_extreme_rows_keep_their_part(scale):
     """A row beyond 2^±400 and its slack in units of its own."""
     linearization = Linearization([0.0, 0.5 * scale, -0.2], [[-1.0, 1.0], [scale, 0.0], [0.0, 1.0]])
     result = full(slack_fraction=0.5)(linearization, [0.0, 0.0])
     np.testing.assert_allclose(result.change, [-0.25, 1.0], rtol=1e-12)
-
-
-def test_the_limit_shortens_what_is_asked_of_violated_rows_alone():
-    linearization = Linearization([0.0, -1.0, 0.3], [[0.0, -9.0], [1.0, 0.0], [0.0, 1.0]])
-    result = full(max_restoration=0.1)(linearization, [0.0, 0.0])
-    np.testing.assert_allclose(result.change, [0.1, -0.3])
-    assert result.counts["capped"] == 1
-    np.testing.assert_allclose(full()(linearization, [0.0, 0.0]).change, [1.0, -0.3])
 
 
 def test_the_limit_is_that_of_violated_rows_without_the_others():

@@ -5,6 +5,7 @@ import pickle
 import tracemalloc
 from collections import namedtuple
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -42,32 +43,14 @@ def as_named(v: np.ndarray) -> Any:
     return (Layer(v[..., :k], v[..., k : 2 * k]), Layer(v[..., 2 * k : 3 * k], v[..., 3 * k :]))
 
 
-def single(v: np.ndarray) -> Any:
-    return v.astype(np.float32)
-
-
 def mixed(v: np.ndarray) -> Any:
     k = v.shape[-1] // 2
     return {"half": v[..., :k].astype(np.float32), "whole": v[..., k:]}
 
 
-def tensor(v: np.ndarray) -> Any:
-    return pytest.importorskip("torch").from_numpy(v.copy()).requires_grad_()
-
-
 def tensors(v: np.ndarray) -> Any:
     torch, k = pytest.importorskip("torch"), v.shape[-1] // 2
     return [torch.from_numpy(v[..., :k].astype(np.float32)), torch.from_numpy(v[..., k:].copy())]
-
-
-def of_jax(v: np.ndarray) -> Any:
-    jax = pytest.importorskip("jax")
-    return {"a": jax.numpy.asarray(v[..., :5], dtype="float32"), "b": jax.numpy.asarray(v[..., 5:], dtype="float32")}
-
-
-def short(v: np.ndarray) -> Any:
-    torch = pytest.importorskip("torch")
-    return torch.from_numpy(v.copy()).to(torch.bfloat16).requires_grad_()
 
 
 def short_and_long(v: np.ndarray) -> Any:
@@ -91,13 +74,9 @@ FLOAT32, BFLOAT16 = 2.0**-23, 2.0**-7
 KINDS = {
     as_dict: 1e-12,
     as_named: 1e-12,
-    single: FLOAT32,
     mixed: FLOAT32,
-    tensor: 1e-12,
     tensors: FLOAT32,
-    short: BFLOAT16,
     short_and_long: BFLOAT16,
-    of_jax: FLOAT32,
     of_jax_short: BFLOAT16,
     on_a_device: FLOAT32,
 }
@@ -174,10 +153,10 @@ def test_a_metric_comes_in_the_form_of_g_too(n: int) -> None:
     expected = ACTIVE_SET.solve(DirectionProblem(**arguments, metric=sizes))
     tree = as_dict(sizes)
 
-    def product(v: Any) -> Any:
+    def weighed(v: Any) -> Any:
         return {"w": v["w"] * tree["w"], "rest": [v["rest"][0] * tree["rest"][0], v["rest"][1]]}
 
-    for metric in (tree, product):
+    for metric in (tree, weighed):
         problem = of_kind(as_dict, {**arguments, "metric": metric})
         answer = ACTIVE_SET.solve(problem)
         assert answer.status == Status.OPTIMAL
@@ -223,23 +202,15 @@ def test_memory_mapped_arrays_are_read_where_they_lie(tmp_path: Any, dtype: Any)
 ONE = {"a": np.ones(2)}
 
 
-def metric_of(metric: Any, rows: Any = None) -> Any:
-    return ConstrainedStep(metric=metric)(Linearization([0.0, -1.0], [ONE, ONE] if rows is None else rows), [0.0])
+def metric_of(metric: Any, rows: Any) -> Any:
+    return ConstrainedStep(metric=metric)(Linearization([0.0, -1.0], rows), [0.0])
 
 
 FLAT, SINGLE = np.ones(2), np.ones((2, 4), np.float32)
 REFUSED = [
     ("jacobian should be a list of rows with the structure of gradient", lambda: DirectionProblem(ONE, {"b": FLAT})),
     (r"jacobian\[0\]\['a'\] should have shape \(2,\)", lambda: DirectionProblem(ONE, [{"a": np.ones(3)}])),
-    (
-        r"jacobian\[0\] should have the structure of gradient",
-        lambda: DirectionProblem(ONE, [{"a": FLAT, "b": np.ones(1)}]),
-    ),
     (r"jacobian\['a'\] should have shape \(m, 2\)", lambda: DirectionProblem(ONE, {"a": np.ones((1, 3))})),
-    (
-        r"jacobian\[0\] should have shape \(m, 2, 3\)",
-        lambda: DirectionProblem([np.ones((2, 3))], [np.arange(6.0).reshape(1, 3, 2)]),
-    ),
     (
         r"jacobian should have one number of rows in all leaves; found \[2, 3\]",
         lambda: DirectionProblem({"a": FLAT, "b": FLAT}, {"a": np.ones((2, 2)), "b": np.ones((3, 2))}),
@@ -249,24 +220,12 @@ REFUSED = [
         lambda: DirectionProblem([np.ones((2, 3))], [np.ma.array(np.ones((1, 2, 3)), mask=True)]),
     ),
     (r"gradient\['a'\] should be an array of float64", lambda: DirectionProblem({"a": np.ones(2, int)}, [])),
-    ("gradient", lambda: DirectionProblem({"a": [1.0, 2.0]}, {"a": np.ones((1, 2))})),
     ("gradient should be finite; found nan", lambda: DirectionProblem({"a": np.array([np.nan, 1.0])}, [])),
     ("jacobian should be finite; found inf", lambda: DirectionProblem(ONE, {"a": np.array([[np.inf, 1.0]])})),
     ("gradient should have at least one component", lambda: DirectionProblem({}, {})),
-    (
-        "gradient should be an array of float64, float32 or bfloat16; found ndarray",
-        lambda: DirectionProblem(np.ones(2, np.float16), [FLAT]),
-    ),
-    (
-        "jacobian should be of the gradient's kind, arrays of float64; found",
-        lambda: DirectionProblem(FLAT, np.ones((1, 2), np.longdouble)),
-    ),
     ("jacobian should be of the gradient's kind", lambda: DirectionProblem(np.ones(4), SINGLE)),
-    ("jacobian should be of the gradient's kind", lambda: DirectionProblem(np.ones(4), [np.ones(4), SINGLE[0]])),
     ("metric should have the structure of gradient", lambda: DirectionProblem(ONE, [ONE], metric={"b": FLAT})),
-    (r"metric.* should have", lambda: metric_of({"c": FLAT})),
-    (r"metric.* should have", lambda: metric_of([FLAT])),
-    (r"metric.* should have", lambda: metric_of({"a": np.ones(3)})),
+    (r"metric.* should have", lambda: metric_of({"c": FLAT}, [ONE, ONE])),
     ("no tree; found a tree", lambda: metric_of(ONE, np.ones((2, 2)))),
     (
         "what metric returns should be an array of real numbers",
@@ -275,10 +234,6 @@ REFUSED = [
     (
         r"direction\.value should have the structure of gradient",
         lambda: kkt_residuals(DirectionProblem(ONE, []), Direction({"w": np.ones(3)}, np.zeros(0), Status.OPTIMAL)),
-    ),
-    (
-        r"direction.value should have shape \(2,\); found \(3,\)",
-        lambda: kkt_residuals(DirectionProblem(ONE, []), Direction(np.ones(3), np.zeros(0), Status.OPTIMAL)),
     ),
 ]
 
@@ -289,33 +244,21 @@ def test_what_does_not_fit_is_refused_by_name(message: str, make: Callable[[], A
         make()
 
 
-def test_rows_of_torch_beside_an_array_are_refused() -> None:
-    torch = pytest.importorskip("torch")
-    for rows in (torch.ones(2, 4), [torch.ones(4)], torch.ones(2, 4, dtype=torch.float64)):
-        for gradient in (np.ones(4), [1.0] * 4):
-            with pytest.raises(ValueError, match="jacobian should be of the gradient's kind"):
-                DirectionProblem(gradient, rows)
-
-
 def test_tensors_that_are_not_for_us_are_refused_by_name() -> None:
     torch = pytest.importorskip("torch")
-    one = torch.ones(2)
-    with pytest.raises(ValueError, match=r"jacobian\[0\] should be of torch as gradient is; found numpy"):
-        DirectionProblem(one, [np.ones(2, np.float32)])
-    with pytest.raises(ValueError, match=r"gradient\['b'\] should be of torch as gradient is; found numpy"):
-        DirectionProblem({"a": one, "b": np.ones(2)}, [])
-    with pytest.raises(ValueError, match=r"jacobian\[0\] should be of torch.float32 as gradient is there; found torch"):
-        DirectionProblem(one, [one.double()])
-    for bad in (one.half(), one.int(), one.to(torch.complex64)):
-        with pytest.raises(ValueError, match="gradient should be an array of float64, float32 or bfloat16; found Ten"):
-            DirectionProblem(bad, [bad])
-    with pytest.raises(ValueError, match=r"tensors should be dense and on a device .*; found torch\.sparse_coo"):
-        DirectionProblem(one.to_sparse(), [one])
-    for gradient, row in ((one.to("meta"), one), (one.to("meta"), one.to("meta")), (one, one.to("meta"))):
-        with pytest.raises(ValueError, match=r"should be dense and on a device that has float64; found .* on meta"):
-            DirectionProblem(gradient, [row])
-    with pytest.raises(ValueError, match="should be an array of float64, float32 or bfloat16; found ndarray of uint16"):
-        DirectionProblem({"a": np.ones(2, np.uint16)}, [])  # which might be the bits of bfloat16
+    one, three = torch.ones(2), "an array of float64, float32 or bfloat16; found"
+    for gradient, rows, message in (
+        (np.ones(2), [one], "jacobian should be of the gradient's kind"),
+        ([1.0, 1.0], torch.ones(1, 2, dtype=torch.float64), "jacobian should be of the gradient's kind"),
+        (one, [np.ones(2, np.float32)], r"jacobian\[0\] should be of torch as gradient is; found numpy"),
+        (one, [one.double()], r"jacobian\[0\] should be of torch.float32 as gradient is there; found torch"),
+        (one.half(), [one.half()], f"gradient should be {three} Ten"),
+        ({"a": np.ones(2, np.uint16)}, [], f"should be {three} ndarray of uint16"),  # might be the bits of bfloat16
+        (one.to_sparse(), [one], r"tensors should be dense and on a device .*; found torch\.sparse_coo"),
+        (one, [one.to("meta")], r"should be dense and on a device that has float64; found .* on meta"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            DirectionProblem(gradient, rows)
 
 
 def test_numbers_of_a_conjugate_are_read_as_they_are() -> None:
@@ -388,16 +331,15 @@ def test_leaves_belong_together_by_their_keys_and_not_by_their_order() -> None:
 def test_in_a_metric_and_a_ball_too_it_is_certified_before_it_is_rounded(name: str) -> None:
     rng = np.random.default_rng(8)
     root = rng.standard_normal((6, 6))
-    for metric in (root @ root.T + np.eye(6), rng.uniform(0.5, 2.0, 6), None):
-        for radius in (None, 0.3):
-            for bound in (0.1, 3.0):
-                g, J = single(rng.standard_normal(6)), single(rng.standard_normal((2, 6)))
-                whole = DirectionProblem(g.astype(float), J.astype(float), bound, metric=metric, radius=radius)
-                answer = SOLVERS[name].solve(DirectionProblem(g, J, bound, metric=metric, radius=radius))
-                expected = SOLVERS[name].solve(whole)
-                assert answer.status == expected.status
-                assert answer.value.dtype == np.float32
-                np.testing.assert_allclose(answer.value, expected.value, rtol=1e-6, atol=1e-6)
+    metrics = (root @ root.T + np.eye(6), rng.uniform(0.5, 2.0, 6), None)
+    for metric, radius, bound in product(metrics, (None, 0.3), (0.1, 3.0)):
+        V, rest = rng.standard_normal((3, 6)).astype(np.float32), {"bound": bound, "metric": metric, "radius": radius}
+        answer, expected = (
+            SOLVERS[name].solve(DirectionProblem(each[0], each[1:], **rest)) for each in (V, V.astype(float))
+        )
+        assert answer.status == expected.status
+        assert answer.value.dtype == np.float32
+        np.testing.assert_allclose(answer.value, expected.value, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("n", [2, LONG])
@@ -446,11 +388,11 @@ def test_a_list_is_one_of_channels_where_it_has_as_many_as_there_are_values() ->
 def test_a_function_as_metric_may_return_one_buffer_again_and_again(kind: Kind) -> None:
     arguments, sizes, buffer = problem_of(0, SHORT), np.linspace(0.5, 2.0, SHORT), np.empty(SHORT)
 
-    def product(v: Any) -> Any:
+    def weighed(v: Any) -> Any:
         whole = v if kind is np.asarray else np.concatenate([v["w"].ravel(), *v["rest"]])
         return kind(np.multiply(sizes, whole, out=buffer))
 
-    answer = ACTIVE_SET.solve(of_kind(kind, {**arguments, "metric": product}))
+    answer = ACTIVE_SET.solve(of_kind(kind, {**arguments, "metric": weighed}))
     expected = ACTIVE_SET.solve(of_kind(kind, {**arguments, "metric": kind(sizes)}))
     assert answer.status == Status.OPTIMAL
     np.testing.assert_allclose(answer.multipliers, expected.multipliers, atol=1e-9)

@@ -29,21 +29,13 @@ def draw(seed: int, n: int = 9, m: int = 3) -> tuple[np.ndarray, np.ndarray]:
     return rng.standard_normal((1 + m, n)), rng.uniform(-1.0, 0.5, m)
 
 
-@pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("radius", [None, 0.7])
-def test_directions_are_those_of_arrays(seed: int, radius: float | None) -> None:
-    V, bound = draw(seed)
-    expected = solve(DirectionProblem(V[0], V[1:], bound, radius=radius))
-    problem = DirectionProblem(Kept(V), bound=bound, radius=radius)
+def test_wrong_directions_are_told_from_right_ones(radius: float | None) -> None:
+    problem = DirectionProblem(Kept(draw(0)[0]), radius=radius)
     answer = solve(problem)
-    assert (answer.status, problem.m, problem.n) == (expected.status, 3, 9)
-    assert answer.rung in ("gramian", "pairs")
-    np.testing.assert_allclose(answer.value, expected.value, atol=1e-10)
-    np.testing.assert_allclose(answer.multipliers, expected.multipliers, atol=1e-10)
-    if answer.status == Status.OPTIMAL:
-        assert kkt_residuals(problem, answer).worst <= 1e-12
-        wrong = Direction(answer.value + 0.1, answer.multipliers, Status.OPTIMAL, 0, answer.radius_multiplier)
-        assert kkt_residuals(problem, wrong).worst > 1e-3
+    assert kkt_residuals(problem, answer).worst <= 1e-12
+    wrong = Direction(answer.value + 0.1, answer.multipliers, Status.OPTIMAL, 0, answer.radius_multiplier)
+    assert kkt_residuals(problem, wrong).worst > 1e-3
 
 
 @pytest.mark.parametrize("formulation", ["equality", "cone", "restoring", "linearized"])
@@ -103,12 +95,6 @@ def test_rows_that_depend_need_no_pairs(V: np.ndarray) -> None:
 OPPOSING = np.array([[0.0, 0.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
 
 
-@pytest.mark.parametrize("kind", [Kept, InPairs])
-def test_contradictions_are_found(kind: Any) -> None:
-    assert solve(DirectionProblem(kind(OPPOSING), bound=1.0)).status == Status.INFEASIBLE
-    assert solve(DirectionProblem(kind(OPPOSING), bound=1.0, radius=5.0)).status == Status.INFEASIBLE
-
-
 @pytest.mark.parametrize("theta", [1e-7, 1e-8])
 def test_rows_that_seem_to_contradict_each_other_are_not_called_infeasible(theta: float) -> None:
     V = OPPOSING.copy()
@@ -123,17 +109,10 @@ class Wrong(Kept):
         return weights @ self.V * 1.001
 
 
-class Single(Kept):
-    def lincomb(self, weights: np.ndarray) -> Any:
-        return (weights @ self.V).astype(np.float32).astype(np.float64)
-
-
-@pytest.mark.parametrize("kind", [Wrong, Single])
-def test_a_combination_that_is_off_is_not_certified(kind: Any) -> None:
+def test_a_combination_that_is_off_is_not_certified() -> None:
     V, bound = draw(1)
-    answer = solve(DirectionProblem(kind(V), bound=bound))
-    assert answer.status == Status.UNCERTIFIED
-    assert answer.residuals is None
+    answer = solve(DirectionProblem(Wrong(V), bound=bound))
+    assert (answer.status, answer.residuals) == (Status.UNCERTIFIED, None)
     np.testing.assert_allclose(answer.value, solve(DirectionProblem(V[0], V[1:], bound)).value, rtol=2e-3)
 
 
@@ -185,12 +164,6 @@ def test_what_does_not_fit_is_refused() -> None:
         DirectionProblem(Kept(V), V[1:])
     with pytest.raises(ValueError, match="metric should be None where gradient is an object"):
         DirectionProblem(Kept(V), metric=np.ones(9))
-    with pytest.raises(ValueError, match=r"bound should have shape \(3,\)"):
-        DirectionProblem(Kept(V), bound=[1.0])
-    with pytest.raises(ValueError, match=r"values should have shape \(4,\)"):
-        Linearization(np.zeros(3), Kept(V))
-    with pytest.raises(ValueError, match="jacobian"):
-        DirectionProblem(V[0])
     for ask in (lambda each: each.jacobian, lambda each: each.objective_gradient):
         with pytest.raises(ValueError, match="gradients should be an array, or trees of arrays; found"):
             ask(Linearization(np.zeros(4), Kept(V)))
@@ -203,19 +176,14 @@ class Fixed(Kept):
         return self.V[0]
 
 
-FAULTY = np.ones((2, 3))
 FAULTS = [
     ("gramian", None, r"gramian\(\) should be an array of real numbers"),
-    ("gramian", FAULTY, r"gramian\(\) should have shape \(2, 2\); found \(2, 3\)"),
     ("lincomb", None, r"lincomb\(\) should return something; found None"),
-    ("lincomb", FAULTY, r"extended\(\) should take what lincomb\(\) returns; found that ndarray is"),
-    ("extended", None, r"extended\(\) should return something; found None"),
+    ("lincomb", np.ones((2, 3)), r"extended\(\) should take what lincomb\(\) returns; found that ndarray is"),
     ("extended", 1.0, r"extended\(\) should return an object with gramian, lincomb and extended; found 1.0"),
     ("extended", Kept(NEAR), r"lincomb\(\) should take 4 weights; found that ndarray is an error: matmul"),
     ("extended", Fixed(NEAR), r"gramian\(\) of what extended\(\) returns should have shape \(5, 5\); found \(3, 3\)"),
     ("gramian_in_pairs", None, r"gramian_in_pairs\(\) should be an array of real numbers"),
-    ("gramian_in_pairs", FAULTY, r"gramian_in_pairs\(\) should have shape \(2, 3, 3\); found \(2, 3\)"),
-    ("lincomb_in_pairs", None, r"lincomb_in_pairs\(\) should return something; found None"),
 ]
 
 
