@@ -6,12 +6,12 @@ solved on the rows as they are.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 
-from ..arrays import Multipliers
+from ..arrays import Bool, Float, Int, Multipliers
 from ..certify import certified_residuals, kkt_residuals
 from ..compensated import Pair
 from ..direction import Direction, KKTResiduals, Status
@@ -57,17 +57,46 @@ def solve_by_gramian(problem: DirectionProblem, vectors: Vectors, tolerance: flo
     What is usual: the gates of rung "gramian" are open, the direct pass finds the active set, and the certificate is
     within 1e-12. `coordinates` sees the same Gramian and takes the same gates.
     """
-    K, m = vectors.gramian(), len(problem.bound)
-    work, index, weights = np.empty((8 + 2 * m, m)), np.empty((2, m), np.int64), np.empty(1 + m)
-    changes = weigh.run(K, problem.bound, problem.equality, *GATES, work, index, weights)
-    if changes < 0:
+    found = weigh_problems(vectors.gramian()[None], problem.bound[None], problem.equality[None])
+    if found.changes[0] < 0:
         return None
+    weights = found.weights[0]
     value, sums = vectors.combine_usually(weights)
-    parts = judge.run(K, problem.equality, OUT_OF_SPAN, work, index, sums)
+    parts = found.judge(sums[None])[0].tolist()
     if not max(parts) <= min(tolerance, EXACT) or (problem.is_tree and not sums[-1] <= REPRESENTABLE):
         return None
     residuals = tuple.__new__(KKTResiduals, parts)  # as in `exact_core`
-    return Direction.make(value, weights[1:], Status.OPTIMAL, changes, residuals, "gramian")
+    return Direction.make(value, weights[1:], Status.OPTIMAL, int(found.changes[0]), residuals, "gramian")
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """B problems by their Gramians: weights (B, 1 + m) of g and the rows, and exchanges, (B,), −1 where it is open."""
+
+    gramians: Float[np.ndarray, "B channels channels"]
+    equality: Bool[np.ndarray, "B m"]
+    weights: Float[np.ndarray, "B channels"]
+    changes: Int[np.ndarray, "B"]
+    notes: tuple[np.ndarray, np.ndarray]
+
+    def judge(self, sums: Float[np.ndarray, "B sums"]) -> Float[np.ndarray, "B 4"]:
+        """Residuals of what the weights combine, from its sums; the first is infinite where they are not to trust."""
+        parts = np.empty((len(sums), 4))
+        judge.run(self.gramians, self.equality, OUT_OF_SPAN, *self.notes, sums, parts)
+        return parts
+
+
+def weigh_problems(
+    gramians: Float[np.ndarray, "B channels channels"],
+    bound: Float[np.ndarray, "B m"],
+    equality: Bool[np.ndarray, "B m"],
+) -> Weighed:
+    """One compiled call for all; see `solve_by_gramian`."""
+    count, m = bound.shape
+    notes = np.empty((count, 8, m)), np.empty((count, m), np.int64)
+    weights, changes = np.empty((count, 1 + m)), np.empty(count, np.int64)
+    weigh.run(gramians, bound, equality, *GATES, *notes, weights, changes)
+    return Weighed(gramians, equality, weights, changes, notes)
 
 
 def _solve_by_rungs(

@@ -8,6 +8,7 @@ kind="reward" says otherwise: the signs of those who write such loops. Everywher
 backward                `constrained_backward`, in the place of loss.backward()
 constrained_optimizer   any optimiser's step, projected in its own metric; proposal, proposal_metric: these
 channels                objective and constraints → gradients; parameters: which of them move
+batch                   B problems of one shape on a device
 derivative              a direction as a function that autograd differentiates
 recomputed              gradients that are taken anew, a part at a time
 step_info               what happened, by the names of the constraints
@@ -15,9 +16,13 @@ loss_scale              mixed precision; tracing: what torch.compile does not lo
 """
 
 from .backward import constrained_backward as constrained_backward
+from .batch import solve_batch as solve_batch
 from .constrained_optimizer import ConstrainedOptimizer as ConstrainedOptimizer
 from .derivative import DifferentiableDirection as DifferentiableDirection
 from .derivative import solve_direction as solve_direction
 from .step_info import StepInfo as StepInfo
 
-__all__ = ["ConstrainedOptimizer", "DifferentiableDirection", "StepInfo", "constrained_backward", "solve_direction"]
+__all__ = [
+    "ConstrainedOptimizer", "DifferentiableDirection", "StepInfo", "constrained_backward", "solve_batch",
+    "solve_direction",
+]  # fmt: skip

@@ -14,7 +14,7 @@ from ._direct import measure
 from ._entry_point import READ, entry_point, inlined
 from ._exchange import factorize, find_active_set, scale_row, solve
 
-_SQUARE, _VECTOR, _TRUTHS = READ.format("f8", 2), READ.format("f8", 1), READ.format("b1", 1)
+_SQUARES, _ROWS, _TRUTHS = READ.format("f8", 3), READ.format("f8", 2), READ.format("b1", 2)
 
 
 @inlined
@@ -47,19 +47,14 @@ def is_well_apart(gram, factor, small, state, order, apart):
     return total <= apart
 
 
-@entry_point(f"i8({_SQUARE}, {_VECTOR}, {_TRUTHS}, f8, f8, f8, f8[:, ::1], i8[:, ::1], f8[::1])")
-def weigh(K, bound, equality, least, most, apart, work, index, weights):
-    """(1, μ) into weights; how many exchanges, −1 where rung "gramian" is shut, or a search does not end.
-
-    least, most: squares; apart: what `is_well_apart` asks for. work: (8 + 2m, m), index: (2, m), for `judge` to read.
-    """
-    m = len(bound)
-    small, gram, factor, state, order = work[:8], work[8 : 8 + m], work[8 + m :], index[0], index[1]
+@inlined
+def weigh_problem(K, bound, equality, least, most, apart, gram, factor, small, state, order, weights):
+    """(1, μ) into weights; how many exchanges, −1 where rung "gramian" is shut, or a search does not end."""
     if not scale_gramian(K, bound, least, most, gram, small, state):
         return -1
     if not is_well_apart(gram, factor, small, state, order, apart):
         return -1
-    for i in range(m):
+    for i in range(len(bound)):
         state[i] = at.OUTSIDE if state[i] == at.INSIDE and not equality[i] else state[i]
     size, changes = find_active_set(True, gram, factor, small, state, order, equality, 0)
     weights[:] = 0.0
@@ -71,16 +66,34 @@ def weigh(K, bound, equality, least, most, apart, work, index, weights):
     return changes if size >= 0 else -1
 
 
-@entry_point(f"UniTuple(f8, 4)({_SQUARE}, {_TRUTHS}, f8, f8[:, ::1], i8[:, ::1], {_VECTOR})")
-def judge(K, equality, out_of_span, work, index, sums):
-    """Residuals of [r·r, J d …, d·d]; the first infinite where d is not to trust, see `measure`.
+@entry_point(f"void({_SQUARES}, {_ROWS}, {_TRUTHS}, f8, f8, f8, f8[:, :, ::1], i8[:, ::1], f8[:, ::1], i8[::1])")
+def weigh(K, bound, equality, least, most, apart, notes, states, weights, changes):
+    """Of B problems: weights (B, 1 + m) and exchanges (B,), see `weigh_problem`. K: (B, 1 + m, 1 + m).
 
-    So where d·d is less than out_of_span of g·g: it is what rounding of K leaves of it.
+    least, most: squares; apart: what `is_well_apart` asks for. notes: (B, 8, m), states: (B, m), for `judge` to read.
     """
-    small, state, sigma, parts = work[:8], index[0], sqrt(max(K[0, 0], sums[len(sums) - 1])), np.zeros(4)
-    for i in range(len(equality)):
-        if state[i] != at.OFF:
-            small[at.SLACK, i] = sums[i + 1] * small[at.SCALE, i] - small[at.BOUND, i]
-    worst = measure(small, state, equality, 0, sqrt(sums[0]), sigma, parts)
-    is_trusted = worst < inf and sums[len(sums) - 1] >= out_of_span * K[0, 0]
-    return parts[0] if is_trusted else inf, parts[1], parts[2], parts[3]
+    m = bound.shape[1]
+    gram, factor, order = np.empty((m, m)), np.empty((m, m)), np.empty(m, np.int64)
+    for b in range(len(K)):
+        small, state = notes[b], states[b]
+        changes[b] = weigh_problem(
+            K[b], bound[b], equality[b], least, most, apart, gram, factor, small, state, order, weights[b]
+        )
+
+
+@entry_point(f"void({_SQUARES}, {_TRUTHS}, f8, f8[:, :, ::1], i8[:, ::1], {_ROWS}, f8[:, ::1])")
+def judge(K, equality, out_of_span, notes, states, sums, parts):
+    """Residuals (B, 4) of sums [r·r, J d …, d·d], (B, 2 + m); the first infinite where d is not to trust.
+
+    So it is by `measure`, and where d·d is less than out_of_span of g·g: it is what rounding of K leaves of it.
+    """
+    for b in range(len(K)):
+        small, state, square = notes[b], states[b], sums[b, sums.shape[1] - 1]
+        for i in range(len(state)):
+            if state[i] != at.OFF:
+                small[at.SLACK, i] = sums[b, i + 1] * small[at.SCALE, i] - small[at.BOUND, i]
+        sigma = sqrt(max(K[b, 0, 0], square))
+        parts[b] = 0.0
+        worst = measure(small, state, equality[b], 0, sqrt(sums[b, 0]), sigma, parts[b])
+        if not (worst < inf and square >= out_of_span * K[b, 0, 0]):
+            parts[b, 0] = inf
