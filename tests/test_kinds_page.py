@@ -1,14 +1,12 @@
-"""docs/kinds.md: its example runs, its kinds are taken, and its numbers are those of the code."""
+"""docs/kinds.md: its examples run, and its numbers are those of the code."""
 
 import re
 import textwrap
-from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from cpgrl_opt import ConstrainedStep, DirectionProblem, Linearization, Status, kkt_residuals, solve
+from cpgrl_opt import ConstrainedStep, DirectionProblem, Linearization, kkt_residuals, solve
 from cpgrl_opt.vectors import Sharded
 
 ROOT = Path(__file__).parents[1]
@@ -56,29 +54,3 @@ def test_what_a_solve_sends_is_as_written():
     assert sent == [32, each, each, each]
     kkt_residuals(problem, answer)
     assert sent[4:] == [each, each]
-
-
-Layer = namedtuple("Layer", ["weight", "bias"])
-GIVEN = {
-    "arrays": lambda v: v,
-    "float32": lambda v: v.astype(np.float32),
-    "trees": lambda v: [Layer(v[..., :2], v[..., 2:])],
-    "PyTorch": lambda v: pytest.importorskip("torch").from_numpy(v.copy()).bfloat16(),
-    "JAX": lambda v: {"a": pytest.importorskip("jax").numpy.asarray(v)},
-}
-
-
-def test_every_kind_of_the_table_is_taken_here_or_above():
-    rows = re.findall(r"^\| ([\w ]+) \|", PAGE, re.M)
-    assert rows[1:] == [*GIVEN, "processes", "your own"]
-
-
-@pytest.mark.parametrize("kind", GIVEN)
-def test_kinds_of_the_table_are_answered_in_their_form(kind):
-    form = GIVEN[kind]
-    problem = DirectionProblem(form(G), form(J), B)
-    answer = solve(problem)
-    assert (answer.status, type(answer.value)) == (Status.OPTIMAL, type(form(G)))
-    np.testing.assert_allclose(problem.row_of(answer.value), solve(DirectionProblem(G, J, B)).value, atol=2.0**-7)
-    listed = DirectionProblem(form(G), [form(row) for row in J], B)
-    np.testing.assert_array_equal(listed.row_of(solve(listed).value), problem.row_of(answer.value))

@@ -88,17 +88,6 @@ def test_the_solver_that_is_said_to_be_right_is():
         assert (found.held, found.broken) == (20, 0)
 
 
-@pytest.mark.slow
-def test_it_passes(tmp_path, monkeypatch, start_cpgrl):
-    source = next(example for name, _, example in EXAMPLES if name == "your_own_solver.md")
-    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    command = start_cpgrl("check", "mine:Doubtful", "--max-examples", "30")
-    out, _ = command.communicate()
-    assert command.returncode == 0, out
-    assert "mine:Doubtful passes" in out
-
-
 def table(text, columns):
     """Headings and rows of the table whose headings begin with these."""
     (found,) = [part for part in text.split("\n\n") if part.startswith("| " + " | ".join(columns))]

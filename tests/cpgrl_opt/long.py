@@ -57,3 +57,17 @@ def solve_exactly(A, B):
                 factor = A[j, i] / A[i, i]
                 A[j], B[j] = A[j] - factor * A[i], B[j] - factor * B[i]
     return (B.T / A.diagonal()).T
+
+
+# J, or g as one row, in storage of other strides; rows apart are a list.
+STORAGES = {
+    "row by row": np.ascontiguousarray,
+    "column by column": np.asfortranarray,
+    "every second column": lambda J: np.repeat(J, 2, axis=1)[:, ::2],
+    "backwards": lambda J: np.ascontiguousarray(J[::-1, ::-1])[::-1, ::-1],
+    "rows apart": lambda J: [row.copy() for row in J],
+    "rows apart, backwards": lambda J: [row[::-1].copy()[::-1] for row in J],
+    "between other numbers": lambda J: np.rec.fromarrays([J, J.astype(np.float32)], names="wanted,other")["wanted"],
+    "columns backwards": lambda J: np.asfortranarray(J[:, ::-1])[:, ::-1],
+    "read-only": lambda J: np.frombuffer(J.tobytes()).reshape(J.shape),
+}

@@ -17,19 +17,12 @@ VALUES = [0.0, -0.5, 0.25, -1.0]
 # What a call says on the rank where its argument is wrong.
 WRONG = {
     "dtype of g": "gradient should be an array of real numbers; found dtype complex128",
-    "shape of g": "gradient should have shape",
-    "rows beside": "jacobian should not be given where gradient is an object",
     "length of bound": "bound should have shape (3,); found (2,)",
-    "NaN in bound": "bound should be finite",
-    "numbers for equality": "equality should be an array of booleans",
     "radius": "radius should be a finite number > 0; found -1.0",
     "metric": "metric should be None where gradient is an object",
     "NaN in values": "values should be finite; found nan",
-    "length of values": "values should have shape (4,); found (3,)",
     "thresholds": "thresholds should have shape (3,); found (2,)",
-    "previous": "previous should have shape (3,); found (2,)",
     "metric of a step": "metric should be None where gradient is an object",
-    "solver": "solver should be one of",
     "solver that breaks": "no memory left",
     "solver of a step that breaks": "no memory left",
     "multipliers": "direction.multipliers should have shape (3,); found (4,)",
@@ -45,33 +38,22 @@ class Breaks:
 
 def call(what: str, wrong: bool, g: Any, J: Any, gather: Any) -> Any:
     """What the call named gives, with an argument that is wrong or right."""
-    if what.endswith("of g"):
-        wrong_g = g * 1j if what.startswith("dtype") else g[1:]
-        return Sharded(wrong_g if wrong else g, J, gather=gather)
+    if what == "dtype of g":
+        return Sharded(g * 1j if wrong else g, J, gather=gather)
     vectors, some, three = Sharded(g, J, gather=gather), np.zeros(2 + (not wrong)), np.zeros(3)
     if what == "solver of a step that breaks":
         return ConstrainedStep(solver=Breaks() if wrong else "active-set")(Linearization(VALUES, vectors), three)
-    if what in ("thresholds", "previous", "metric of a step"):
+    if what in ("thresholds", "metric of a step"):
         step = ConstrainedStep(metric=np.ones(len(g)) if what.startswith("metric") and wrong else None)
-        previous = some.astype(bool) if what == "previous" else None
-        return step(Linearization(VALUES, vectors), some if what == "thresholds" else three, previous)
-    if "values" in what:
-        odd: Any = VALUES[1:] if what.startswith("length") else [np.nan, *VALUES[1:]]
-        return Linearization(odd if wrong else VALUES, vectors)
-    if "solver" in what:
-        odd = Breaks() if what.endswith("breaks") else "nonesuch"
-        return solve(DirectionProblem(vectors), odd if wrong else SOLVERS["active-set"])
+        return step(Linearization(VALUES, vectors), some if what == "thresholds" else three)
+    if what == "NaN in values":
+        return Linearization([np.nan, *VALUES[1:]] if wrong else VALUES, vectors)
+    if what == "solver that breaks":
+        return solve(DirectionProblem(vectors), Breaks() if wrong else SOLVERS["active-set"])
     if what == "multipliers":
         problem, mu = DirectionProblem(vectors), np.zeros(3 + wrong)
         return kkt_residuals(problem, Direction(problem.vectors.zero(), mu, Status.OPTIMAL))
-    others = {
-        "rows beside": {"jacobian": J},
-        "length of bound": {"bound": some},
-        "NaN in bound": {"bound": np.nan},
-        "numbers for equality": {"equality": three},
-        "radius": {"radius": -1.0},
-        "metric": {"metric": np.ones(len(g))},
-    }
+    others = {"length of bound": {"bound": some}, "radius": {"radius": -1.0}, "metric": {"metric": np.ones(len(g))}}
     return DirectionProblem(vectors, **(others[what] if wrong else {}))
 
 

@@ -1,12 +1,10 @@
 """A package that is there but cannot be imported, e.g. for want of a system library, is in nobody's way."""
 
 import sys
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 from typer.testing import CliRunner
 
 from cpgrl_opt import SOLVERS, DirectionProblem
@@ -103,22 +101,3 @@ def test_tests_of_a_broken_solver_are_skipped_with_the_reason(
     break_package("proxsuite")
     with pytest.raises(pytest.skip.Exception, match=r"proxqp is broken: libgomp\.so\.1"):
         conftest.skip_broken([parameter])
-
-
-# Versions that were allowed once and do not work, as `.ci/run` found on the lowest bounds.
-DO_NOT_WORK = {
-    "osqp": ("1.0.0", "1.0.1", "1.0.3"),  # no SolverStatus; no prim_inf_cert
-    "daqp": ("0.7.0", "0.8.0"),  # no time_limit
-    "scipy": ("1.15.0",),  # does not import beside highspy 1.9
-    "typer": ("0.15.0",),  # TypeError with click 8.2
-}
-
-
-@pytest.mark.parametrize("package", DO_NOT_WORK)
-def test_versions_that_do_not_work_are_not_allowed(package: str) -> None:
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = project["optional-dependencies"].values()
-    asked = [Requirement(text) for texts in (project["dependencies"], *extras) for text in texts]
-    own = [each.specifier for each in asked if each.name == package]
-    assert own
-    assert not any(version in allowed for allowed in own for version in DO_NOT_WORK[package])

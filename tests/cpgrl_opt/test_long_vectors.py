@@ -8,10 +8,8 @@ from hypothesis import given, settings
 
 from cpgrl_opt import SOLVERS, ConstrainedStep, Direction, DirectionProblem, Linearization, Status, kkt_residuals
 from cpgrl_opt.certify import excess_violation, farkas_residual, violation_tolerance
-from cpgrl_opt.comparison.families import FAMILIES as RECORDED
 from cpgrl_opt.scaling import lengths
 from cpgrl_opt.solvers import is_usable, span, supports
-from cpgrl_opt.solvers.span import solve_by_gramian
 from cpgrl_opt.testing.strategies import HOSTILE, WELL_POSED, problems_of
 from cpgrl_opt.vectors import is_long
 
@@ -177,31 +175,6 @@ def test_the_referee_sees_in_passes_what_it_sees_in_few_parameters(kappa):
         for each, value in ((few, d), (many, d @ basis))
     )
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
-
-
-def usual_answer(problem):
-    return solve_by_gramian(problem, problem.vectors, ACTIVE_SET.tolerance)
-
-
-# Of these every problem is settled from its Gramian alone; many more families have some.
-USUAL = ("well-conditioned", "well-conditioned-bounds", "well-conditioned-equality", "row-scales-1e12", "far-bounds")
-
-
-@pytest.mark.parametrize("name", RECORDED)
-def test_the_usual_way_agrees_with_the_way_through_coordinates(name, monkeypatch):
-    for number in range(2):
-        problem = repeat(RECORDED[name].problem(number, 5))
-        is_usual = usual_answer(problem) is not None
-        assert is_usual or name not in USUAL
-        found = ACTIVE_SET.solve(problem)
-        with monkeypatch.context() as patch:
-            patch.setattr(span, "solve_by_gramian", lambda *_: None)
-            through = ACTIVE_SET.solve(problem)
-        assert (found.status, found.rung) == (through.status, through.rung)
-        assert distance(problem, found, through) <= 1e-12
-        assert found.multipliers == pytest.approx(through.multipliers, rel=1e-9, abs=1e-300)
-        if is_usual:
-            assert abs(found.residuals.worst - kkt_residuals(problem, found).worst) <= 1e-14
 
 
 E = np.eye(20)

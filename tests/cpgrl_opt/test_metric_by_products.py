@@ -18,6 +18,7 @@ from cpgrl_opt import (
     farkas_residual,
     kkt_residuals,
 )
+from cpgrl_opt.problems import draw_problem
 
 ACTIVE_SET = SOLVERS["active-set"]
 
@@ -38,20 +39,15 @@ def fisher(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.asarray(root @ root.T + 0.1 * np.eye(n))
 
 
+FAMILIES = ("ordinary", "duplicate rows", "opposing rows", "sum to zero", "binding", "infeasible", "in a ball")
+
+
 def draw(seed: int) -> tuple[np.ndarray, dict[str, Any]]:
     """M and a problem's other arguments, with dependent and contradicting rows, stationary points, balls."""
     rng = np.random.default_rng(seed)
-    n, m = int(rng.integers(1, 9)), int(rng.integers(0, 5))
-    M, J, g = fisher(rng, n), rng.standard_normal((m, n)), rng.standard_normal(n)
-    if m > 1 and seed % 3 == 0:
-        J[1] = 2.0 * J[0]
-    if m > 2 and seed % 4 == 0:
-        J[2] = -J[0]
-    if m > 0 and seed % 5 == 0:
-        g = -J.T @ rng.random(m)
-    b = rng.standard_normal(m) * (0.3 if seed % 2 else 0.0)
-    radius = 10.0 ** rng.uniform(-1, 1) if seed % 7 < 3 else None
-    return M, {"gradient": g, "jacobian": J, "bound": b, "radius": radius}
+    problem = draw_problem(FAMILIES[seed % 7], rng, n=2 + seed % 6)
+    names = ("gradient", "jacobian", "bound", "equality", "radius")
+    return fisher(rng, problem.n), {name: getattr(problem, name) for name in names}
 
 
 def agree(by_matrix: Direction, by_products: Direction, size: float) -> None:

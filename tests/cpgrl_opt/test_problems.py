@@ -122,6 +122,16 @@ def test_what_is_infeasible_asks_for_a_part_of_the_gradients_length_where_all_el
         assert any(found)
 
 
+def test_what_is_pinched_is_so_by_rows_that_oppose_each_other_or_by_one_of_their_sum() -> None:
+    """Σ wᵢAᵢ with w of 1 and 2, so that the sum is exact: the null vector of the rows."""
+    drawn = some("pinched", Case.BOUNDS, 16)
+    assert {each.m for each in drawn} == {4, 6}
+    weights = [np.abs(np.linalg.svd(each.jacobian.T)[2][-1]) for each in drawn if each.m == 4]
+    found = {tuple(np.sort(each / each.min()).round(9)) for each in weights}
+    assert len(found) > 1
+    assert set().union(*found) == {1.0, 2.0}
+
+
 @pytest.mark.parametrize("name", HOLDS)
 def test_a_family_is_what_it_is_called(name: str) -> None:
     assert all(HOLDS[name](problem) for problem in some(name))

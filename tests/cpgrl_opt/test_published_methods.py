@@ -104,24 +104,6 @@ def test_cpo_is_the_trust_region(problem):
 
 @FEW
 @given(balls())
-def test_cpo_has_the_multipliers_of_the_papers_dual(problem):
-    """λ* and ν* maximise the dual; here it is evaluated as the supplement prints it, with costs and losses."""
-    found = CPO().solve(problem)
-    H = np.eye(problem.n) if problem.metric is None else np.array(problem.metric)
-    inverse = np.linalg.inv(np.diag(H) if H.ndim == 1 else H)
-    g, b, c, delta = -problem.gradient, -problem.jacobian[0], float(problem.bound[0]), problem.radius**2
-    q, r, s = g @ inverse @ g, g @ inverse @ b, b @ inverse @ b
-    lam, nu = found.radius_multiplier, float(found.multipliers[0])
-    if found.status != Status.OPTIMAL or lam == 0.0 or np.isinf(c):
-        return
-    expected = np.sqrt((q - r**2 / s) / (delta / 1 - c**2 / s)) if nu > 0 else np.sqrt(q / delta)
-    np.testing.assert_allclose(lam, expected, rtol=1e-7)
-    if nu > 0:
-        np.testing.assert_allclose(nu, (lam * c - r) / s, atol=1e-9)
-
-
-@FEW
-@given(balls())
 def test_pcpo_and_cpo_coincide_where_the_step_without_the_constraint_is_feasible(problem):
     free = DirectionProblem(problem.gradient, np.zeros((0, problem.n)), metric=problem.metric, radius=problem.radius)
     step = value(CPO(), free)

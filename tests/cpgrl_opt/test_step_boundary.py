@@ -19,7 +19,7 @@ from cpgrl_opt import (
     WithGeometry,
     solve_batch,
 )
-from cpgrl_opt.solvers import ActiveSet, is_usable
+from cpgrl_opt.solvers import ActiveSet
 
 from .steps import ACTIVE_ONLY, Claiming, drawn, plain, require_same
 
@@ -145,19 +145,6 @@ def test_a_batch_of_its_own_is_handed_what_it_takes_and_the_answers_stay_in_orde
     assert len(solver.asked) == bounds.count(0.0)
     balls = [DirectionProblem([1.0, k], [[-1.0, 0.5]], radius=1.0) for k in range(3)]  # which it does not declare
     assert [answer.status for answer in solve_batch(solver, balls)] == [Status.UNSUPPORTED] * 3
-
-
-def test_our_own_batches_decline_what_they_do_not_take_by_themselves() -> None:
-    """So that no loop over the problems stands before a compiled call."""
-    row = [[1.0, 0.0]]
-    mixed = [DirectionProblem([1.0, 2.0], row, *each) for each in ((), (0.0, True), (2.0,))]
-    by_themselves = [
-        each for each in SOLVERS.values() if is_usable(each) and getattr(each, "declines_by_itself", False)
-    ]
-    assert {SOLVERS["active-set"], SOLVERS["rosen"]} <= set(by_themselves)
-    for solver in (*by_themselves, WithGeometry(ConesTogether())):
-        for answer, problem in zip(solve_batch(solver, mixed), mixed, strict=True):
-            assert (answer.status == Status.UNSUPPORTED) == (not solver.supports(problem)), solver
 
 
 def change(value, threshold, gradients, **settings):

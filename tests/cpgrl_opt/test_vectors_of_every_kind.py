@@ -3,9 +3,7 @@
 import copy
 import pickle
 import tracemalloc
-from collections import namedtuple
 from collections.abc import Callable
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,67 +20,16 @@ from cpgrl_opt import (
     kkt_residuals,
     solve,
 )
-from cpgrl_opt.vectors._tensors import TensorVectors
 
-from .kinds import draw
+from .kinds import FORMS, ROUNDING, as_dict, as_problem, draw
 
 ACTIVE_SET = SOLVERS["active-set"]
-Layer = namedtuple("Layer", ["weight", "bias"])
 SHORT, LONG = 12, 60_000
 
 
-def as_dict(v: np.ndarray) -> Any:
-    """Leaves along the last axis: of two axes, of one, of none at all; nested."""
-    k = v.shape[-1] // 3
-    lead = v.shape[:-1]
-    return {"w": v[..., : 2 * k].reshape(*lead, 2, k), "rest": [v[..., 2 * k :], v[..., :0]]}
-
-
-def as_named(v: np.ndarray) -> Any:
-    k = v.shape[-1] // 4
-    return (Layer(v[..., :k], v[..., k : 2 * k]), Layer(v[..., 2 * k : 3 * k], v[..., 3 * k :]))
-
-
-def mixed(v: np.ndarray) -> Any:
-    k = v.shape[-1] // 2
-    return {"half": v[..., :k].astype(np.float32), "whole": v[..., k:]}
-
-
-def tensors(v: np.ndarray) -> Any:
-    torch, k = pytest.importorskip("torch"), v.shape[-1] // 2
-    return [torch.from_numpy(v[..., :k].astype(np.float32)), torch.from_numpy(v[..., k:].copy())]
-
-
-def short_and_long(v: np.ndarray) -> Any:
-    torch, k = pytest.importorskip("torch"), v.shape[-1] // 3
-    parts = torch.from_numpy(v[..., :k]), torch.from_numpy(v[..., k : 2 * k]), torch.from_numpy(v[..., 2 * k :].copy())
-    return {"a": parts[0].to(torch.bfloat16), "b": (parts[1].to(torch.float32), parts[2])}
-
-
-def of_jax_short(v: np.ndarray) -> Any:
-    jax = pytest.importorskip("jax")
-    return [jax.numpy.asarray(v[..., :5], dtype="bfloat16"), jax.numpy.asarray(v[..., 5:], dtype="float32")]
-
-
-def on_a_device(v: np.ndarray) -> Any:
-    """As tensors that NumPy cannot see are taken."""
-    return tensors(v)
-
-
-# Each with the distance from one number of its shortest dtype to the next: 4 of it is what rounding may leave.
-FLOAT32, BFLOAT16 = 2.0**-23, 2.0**-7
-KINDS = {
-    as_dict: 1e-12,
-    as_named: 1e-12,
-    mixed: FLOAT32,
-    tensors: FLOAT32,
-    short_and_long: BFLOAT16,
-    of_jax_short: BFLOAT16,
-    on_a_device: FLOAT32,
-}
 Kind = Callable[[np.ndarray], Any]
 parametrize_kinds = pytest.mark.parametrize(
-    ("kind", "rounding"), KINDS.items(), ids=lambda k: getattr(k, "__name__", "")
+    ("kind", "rounding"), [(form, ROUNDING[dtype]) for form, dtype in FORMS.values()], ids=FORMS
 )
 
 
@@ -93,12 +40,9 @@ def problem_of(seed: int, n: int) -> dict[str, Any]:
 
 
 def of_kind(kind: Kind, arguments: dict[str, Any], *, stacked: bool = True) -> DirectionProblem:
-    g, J = kind(arguments["gradient"]), arguments["jacobian"]
+    V = np.vstack([arguments["gradient"], arguments["jacobian"]])
     rest = {name: value for name, value in arguments.items() if name not in ("gradient", "jacobian")}
-    rows = kind(J) if stacked else [*map(kind, J)]
-    return (
-        DirectionProblem(TensorVectors(g, rows), **rest) if kind is on_a_device else DirectionProblem(g, rows, **rest)
-    )
+    return as_problem(kind, V, stacked=stacked, **rest)
 
 
 def same_form(found: Any, given: Any) -> bool:
@@ -282,13 +226,6 @@ def test_the_referee_copies_no_tree() -> None:
         tracemalloc.stop()
 
 
-def test_without_rows_and_in_another_byte_order() -> None:
-    answer = ACTIVE_SET.solve(DirectionProblem(ONE, []))
-    assert answer.status == Status.OPTIMAL
-    np.testing.assert_array_equal(answer.value["a"], ONE["a"])
-    assert DirectionProblem(np.ones(2, ">f8"), np.ones((1, 2), int)).gradient.dtype == np.float64
-
-
 def test_copies_and_pickles_are_of_the_same_form() -> None:
     arguments = problem_of(0, SHORT)
     plain, metric = of_kind(as_dict, arguments), of_kind(as_dict, {**arguments, "metric": as_dict(np.ones(SHORT))})
@@ -307,6 +244,7 @@ def test_lists_of_rows_and_of_runs_are_no_trees() -> None:
     assert type(Linearization([0.0, -1.0], rows).gradients) is np.ndarray
     assert Linearization([[0.0, -1.0]], [rows]).gradients.shape == (1, 2, 2)
     assert type(DirectionProblem([1.0, 2.0], [rows[0]]).gradient) is np.ndarray
+    assert DirectionProblem(np.ones(2, ">f8"), np.ones((1, 2), int)).gradient.dtype == np.float64
     for plain in (Linearization([0.0, -1.0], rows), Linearization([0.0, -1.0], [[1.0, 2.0], [1.0, 0.0]])):
         assert type(ConstrainedStep()(plain, [0.0]).change) is np.ndarray
 
@@ -325,21 +263,6 @@ def test_leaves_belong_together_by_their_keys_and_not_by_their_order() -> None:
         assert kkt_residuals(problem, Direction(back, answer.multipliers, Status.OPTIMAL)).worst == 0.0
     change = ConstrainedStep()(Linearization([0.0, -1.0], [g, turned["x"] and listed[0]]), [0.0]).change
     assert list(change["x"]) == ["a", "b"]
-
-
-@pytest.mark.parametrize("name", ["active-set", "nnls"])
-def test_in_a_metric_and_a_ball_too_it_is_certified_before_it_is_rounded(name: str) -> None:
-    rng = np.random.default_rng(8)
-    root = rng.standard_normal((6, 6))
-    metrics = (root @ root.T + np.eye(6), rng.uniform(0.5, 2.0, 6), None)
-    for metric, radius, bound in product(metrics, (None, 0.3), (0.1, 3.0)):
-        V, rest = rng.standard_normal((3, 6)).astype(np.float32), {"bound": bound, "metric": metric, "radius": radius}
-        answer, expected = (
-            SOLVERS[name].solve(DirectionProblem(each[0], each[1:], **rest)) for each in (V, V.astype(float))
-        )
-        assert answer.status == expected.status
-        assert answer.value.dtype == np.float32
-        np.testing.assert_allclose(answer.value, expected.value, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("n", [2, LONG])
