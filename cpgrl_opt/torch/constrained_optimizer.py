@@ -6,25 +6,26 @@ So nothing behind the projection can undo it, momentum and weight decay included
 M = H the problem is that of `ConstrainedStep` with step_size = 1, whose formulations, rules and fallbacks hold.
 """
 
-from collections.abc import Callable, Iterator
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
+from ..formulation import FORMULATIONS
+from ..linearization import Linearization
 from ..step import ConstrainedStep
-from ..step_result import skipped_result
+from ..step_result import StepResult
 from ..validation import require_finite
-from .channels import Channels, Gather, are_finite, linearize
-from .loss_scale import overflows, scale_of, skip, unscale
+from . import loss_scale
+from .channels import Channels, Gather, are_finite, linearize, require_dense, take_step
 from .parameters import read_parameters
-from .proposal import Move, Proposal
-from .proposal_metric import metric_of
+from .proposal import Piece, Proposal, take_pieces
+from .proposal_metric import Metric, scale_of
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
-
-Metric = Callable[[Any], Any]
 
 
 class _Asked(NamedTuple):
@@ -94,84 +95,106 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         Arguments as of `constrained_backward`. retain_graph: True, so that loss.backward() may follow. Where a closure
         calls this more than once in a step, the first time counts.
         """
-        channels = Channels.read(None, constraints, values, thresholds, kind)
-        moving = read_parameters(self.param_groups)
-        settings: dict[str, Any] = {"scale": scale_of(scaler), "retain_graph": retain_graph, "batched": batched}
-        found, rows, reached = channels.differentiate(moving, **settings)
-        if overflows(rows, scaler):
-            self.info = skip(moving, channels, found)
+        if self._keeps_first and self._asked is not None:
             return
-        unscale(rows, scale_of(scaler))
+        self._asked = None  # of what was asked before nothing stays, should this fail
+        channels, scale = Channels.read(None, constraints, values, thresholds, kind), loss_scale.scale_of(scaler)
+        moving = read_parameters(self.param_groups)
+        settings: dict[str, Any] = {"scale": scale, "retain_graph": retain_graph, "batched": batched}
+        found, rows, reached = channels.differentiate(moving, **settings)
+        if loss_scale.overflows(rows, scaler):
+            self.info = loss_scale.skip(moving, channels, found)
+            return
+        loss_scale.unscale(rows, scale)
         channels.require_finite(rows, first=1)
         require_finite("values", found)
-        if not (self._keeps_first and self._asked is not None):
-            gradients = [{id(each): part for each, part in zip(reached, row, strict=True)} for row in rows]
-            self._asked = _Asked(replace(channels, constraints=[]), found, gradients)  # their graphs need not stay
+        gradients = [{id(each): part for each, part in zip(reached, row, strict=True)} for row in rows]
+        self._asked = _Asked(replace(channels, constraints=[]), found, gradients)  # their graphs need not stay
 
     @run_uncompiled
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
         """The optimiser's step, projected; returns what the optimiser returns.
 
         ValueError where `constrain` was not called before, or by the closure, and where a gradient or the proposal is
-        not finite; DirectionError if `step.on_failure` says so. Then the parameters are what they were; the optimiser's
-        moments may know the step's gradient, which is finite.
+        not finite; DirectionError if `step.on_failure` says so. Then the parameters are what they were, and what was
+        asked is forgotten; the optimiser's moments may know the step's gradient, which is finite. Post-step hooks of
+        the optimiser run after the projection.
         """
+        hooks, pieces = self.optimizer._optimizer_step_post_hooks, list[Piece]()
         self._keeps_first = closure is not None
-        if closure is None:
-            self._require_asked()
-            self._require_finite([each.grad for each in self._parameters()], "gradients of the objective")
-        else:
-            self._asked = None
-            closure = self._checked(closure)
-        before = {id(each): each.detach().clone() for each in self._parameters()}
         try:
-            loss = self.optimizer.step(closure)
+            if closure is None:
+                self._require_asked()
+                self._require_gradients()
+            else:
+                self._asked = None
+            pieces = self._pieces()
+            self.optimizer._optimizer_step_post_hooks = OrderedDict()
+            loss = self.optimizer.step(None if closure is None else self._checked(closure))
             with torch.no_grad():
-                self._project(before, self._require_asked())
+                self._project(pieces, self._require_asked())
         except BaseException:
             with torch.no_grad():
-                for each in self._parameters():
-                    each.copy_(before[id(each)])
+                for piece in pieces:
+                    piece.put(piece.before)
             raise
         finally:
             self._asked, self._keeps_first = None, False
+            self.optimizer._optimizer_step_post_hooks = hooks
+        for hook in hooks.values():
+            hook(self.optimizer, (self.optimizer, closure), {})
         return loss
 
-    def _project(self, before: dict[int, Any], asked: _Asked) -> None:
+    def _project(self, pieces: list[Piece], asked: _Asked) -> None:
         channels, values, rows = asked
-        self._require_finite(self._parameters(), "the optimiser's proposal")
-        limits = channels.slack_thresholds()
-        slack = values[1:] - limits
-        proposal = Proposal([*self._moves(before)])
-        if not proposal.moves:
-            none = np.zeros(len(slack), np.bool_)
-            result = skipped_result(None, slack, none)
+        slack = values[1:] - channels.slack_thresholds()
+        known = self._previous if self._previous is not None and len(self._previous) == len(slack) else None
+        moving = [piece for piece in pieces if float(piece.group.get("lr", 1.0)) > 0.0]
+        if not moving:
+            result = self._stay(values, slack, channels, known)
         else:
-            known = self._previous is not None and len(self._previous) == len(slack)
-            given = linearize(values, proposal.whiten(rows), channels, self.gather)
-            result = self._step(given, limits, self._previous if known else None)
+            try:
+                proposal = Proposal(moving, [scale_of(self.optimizer, piece, self.metric) for piece in moving])
+                given = linearize(values, proposal.whiten(rows), channels, self.gather)
+            except ValueError:
+                self._require_finite(self._parameters(), "the optimiser's proposal")
+                raise
+            result = take_step(self._step, given, channels, known)
             if result.active.any() or result.counts["skipped"] or result.counts["infeasible"]:
                 proposal.replace(result.change)
         self.info = describe(result, slack, channels.names)
         self._previous = self.info.previous
+
+    def _stay(self, values: np.ndarray, slack: np.ndarray, channels: Channels, known: Any) -> StepResult:
+        """Of a step in which no parameter may move, at the start of a warm-up: infeasible if it is to restore.
+
+        Then μ = 1 of the constraints to be restored is the proof: 0 = Jᵀμ and μ·demand > 0.
+        """
+        nothing = Linearization(values, np.zeros((len(values), 1)))
+        result = take_step(self._step, nothing, channels, known)
+        is_missed = float(self._step.restoration_rate) * np.maximum(-slack, 0.0) > 0.0
+        if not FORMULATIONS[self._step.formulation].takes_all:
+            is_missed &= result.active
+        if not is_missed.any():
+            return result
+        counts = {**result.counts, "infeasible": np.array(1)}
+        proof = {"multipliers": is_missed.astype(float), "residuals": None, "stationary": np.array(False)}
+        active = is_missed if FORMULATIONS[self._step.formulation].takes_all else result.active
+        return replace(result, counts=counts, active=active, **proof)
 
     def _checked(self, closure: Callable[[], Any]) -> Callable[[], Any]:
         """The closure, which ends where a gradient is not finite: NaN would stay in the optimiser's moments."""
 
         def evaluate() -> Any:
             loss = closure()
-            self._require_finite([each.grad for each in self._parameters()], "gradients of the objective")
+            self._require_gradients()
             return loss
 
         return evaluate
 
-    def _moves(self, before: dict[int, Any]) -> Iterator[Move]:
-        """Of the parameters that the optimiser's rates let move."""
-        for group in self.param_groups:
-            for each in group["params"]:
-                if id(each) in before and float(group.get("lr", 1.0)) > 0.0:
-                    H = metric_of(self.optimizer, group, each) if self.metric is None else self.metric(each)
-                    yield Move.of(each, before[id(each)], H)
+    def _pieces(self) -> list[Piece]:
+        with torch.no_grad():
+            return take_pieces(self.param_groups)
 
     def _parameters(self) -> list[Any]:
         return [each for group in self.param_groups for each in group["params"] if each.requires_grad]
@@ -181,8 +204,13 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
             raise ValueError("constrain should be called before each step; found that it was not")
         return self._asked
 
+    def _require_gradients(self) -> None:
+        gradients = [each.grad for each in self._parameters()]
+        require_dense("objective", gradients)
+        self._require_finite([each for each in gradients if each is not None], "gradients of the objective")
+
     def _require_finite(self, tensors: list[Any], name: str) -> None:
-        if not are_finite(each for each in tensors if each is not None):
+        if not are_finite(tensors):
             raise ValueError(f"{name} should be finite; found NaN or infinity")
 
     @property

@@ -194,10 +194,96 @@ def test_metrics_of_the_callers_frozen_groups_and_parameters_without_state() -> 
     optimizer.param_groups[1]["lr"] = 0.1
     optimizer.step()
     assert optimizer.info.predicted_slack[0] == pytest.approx(-0.05)
-    for group in optimizer.param_groups:
-        group["lr"] = 0.0
-    move_once(task, optimizer)  # as at the start of a warm-up
-    assert optimizer.info.status == Status.UNCERTIFIED
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_at_rate_zero_nothing_moves_and_only_what_should_be_restored_is_infeasible(formulation: str) -> None:
+    task = Task(0, torch.float64)
+    optimizer = ConstrainedOptimizer(torch.optim.Adam(task.parameters, lr=0.0), FORMULATIONS[formulation])
+    before = task.numbers()
+    move_once(task, optimizer)  # the first constraint is violated
+    assert optimizer.info.status == Status.INFEASIBLE
+    np.testing.assert_array_equal(optimizer.info.multipliers, [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(optimizer.info.predicted_slack, optimizer.info.slack)
+    task.thresholds[0] += 0.05
+    move_once(task, optimizer)  # now it is met, by 0
+    assert optimizer.info.status == Status.OPTIMAL
+    assert not optimizer.info.multipliers.any()
+    np.testing.assert_array_equal(task.numbers(), before)
+
+
+def test_hooks_after_a_step_see_what_was_taken_and_failed_steps_have_none() -> None:
+    task, seen = Task(0, torch.float64), []
+    inner = torch.optim.SGD(task.parameters, lr=0.1)
+    inner.register_step_post_hook(lambda *_: seen.append(task.numbers()))
+    optimizer = ConstrainedOptimizer(inner, FORMULATIONS["cone"])
+    move_once(task, optimizer)
+    np.testing.assert_array_equal(seen, [task.numbers()])
+    optimizer.metric = lambda p: -torch.ones_like(p)
+    with pytest.raises(ValueError, match="metric"):
+        move_once(task, optimizer)
+    optimizer.metric = None
+    move_once(task, optimizer)
+    assert len(seen) == 2
+
+
+@pytest.mark.parametrize("failed", ["step", "constrain"])
+def test_what_was_asked_before_a_failure_is_forgotten(failed: str) -> None:
+    task = Task(0, torch.float64)
+    optimizer = ConstrainedOptimizer(torch.optim.SGD(task.parameters, lr=0.1), FORMULATIONS["cone"])
+    optimizer.constrain(task.costs(), thresholds=task.thresholds)
+    (task.loss() * np.nan).backward()
+    fail = partial(optimizer.constrain, task.costs() * np.nan, values=[0.0] * 3, thresholds=task.thresholds)
+    with pytest.raises(ValueError, match="finite"):
+        (optimizer.step if failed == "step" else fail)()
+    optimizer.zero_grad()
+    task.loss().backward()
+    with pytest.raises(ValueError, match="constrain should be called"):
+        optimizer.step()
+
+
+def test_sparse_gradients_of_the_objective_are_refused() -> None:
+    table = torch.nn.Embedding(3, 2, sparse=True)
+    optimizer = ConstrainedOptimizer(torch.optim.SGD(table.parameters(), lr=0.1), FORMULATIONS["cone"])
+    optimizer.constrain([table.weight.sum()], thresholds=[0.0])
+    table(torch.tensor([1])).sum().backward()
+    with pytest.raises(ValueError, match="objective should have dense gradients"):
+        optimizer.step()
+
+
+def test_an_infeasible_step_is_an_answer_also_where_failures_raise() -> None:
+    p = torch.nn.Parameter(torch.zeros(2, dtype=torch.float64))
+    step = ConstrainedStep(formulation="linearized", on_failure="raise")
+    optimizer = ConstrainedOptimizer(torch.optim.SGD([p], lr=0.1), step)
+    optimizer.constrain([p[0], -p[0]], values=[1.0, 1.0], thresholds=[0.0, 0.0])
+    p.sum().backward()
+    optimizer.step()
+    assert optimizer.info.status == Status.INFEASIBLE
+    with pytest.raises(DirectionError):
+        optimizer.info.raise_for_status()
+
+
+def test_parameters_large_and_small_of_two_dtypes_are_projected_as_one() -> None:
+    """Where some lie alone and others side by side; channels last, and one without a gradient in the first step."""
+    torch.manual_seed(0)
+    shapes = [(300, 300), (3,), (2, 2, 2, 2), (5,)]
+    parameters = [torch.nn.Parameter(torch.randn(shape)) for shape in shapes]
+    parameters[2].data = parameters[2].data.to(memory_format=torch.channels_last)
+    parameters.append(torch.nn.Parameter(torch.randn(4, dtype=torch.float64)))
+    goals = [torch.randn_like(each) for each in parameters]
+    optimizer = ConstrainedOptimizer(torch.optim.Adam(parameters, lr=0.01), FORMULATIONS["restoring"])
+
+    def cost() -> Any:
+        return sum((each * goal).sum().double() for each, goal in zip(parameters, goals, strict=True))
+
+    for last in (4, 5):
+        before = cost().item()
+        optimizer.zero_grad()
+        optimizer.constrain([cost()], thresholds=[before - 1.0])
+        sum((each**2).sum().double() for each in parameters[:last]).backward()
+        optimizer.step()
+        assert optimizer.info.status == Status.OPTIMAL
+        assert cost().item() == pytest.approx(before - 0.5, abs=1e-3)
 
 
 def test_a_proposal_without_an_answer_is_told() -> None:
