@@ -29,29 +29,16 @@ def state_of(part: Any) -> Any:
     return {name: state_of(getattr(part, name)) for name in names}
 
 
-def require_like(part: Any, state: Any, where: str) -> None:
-    """ValueError unless the state is one of such a part: same names, kinds, lengths, shapes and dtypes."""
-    own = state_of(part)
-    wanted: object
-    found: object
-    if isinstance(part, np.ndarray):
-        wanted, found = _array_in_words(part), _array_in_words(state)
-    elif isinstance(part, np.random.Generator):
-        wanted, found = own["bit_generator"], state.get("bit_generator") if isinstance(state, dict) else None
-    elif isinstance(own, dict):
-        wanted, found = list(own), list(state) if isinstance(state, dict) else None
-    elif isinstance(own, list):
-        wanted, found = len(own), len(state) if isinstance(state, list) else None
-    else:
-        wanted, found = _kind_of(own), _kind_of(state)
-    if wanted != found:
-        raise ValueError(f"{where} should be as saved, {found}; found {wanted}")
-    if isinstance(part, list):
-        for k, each in enumerate(part):
-            require_like(each, state[k], f"{where}[{k}]")
-    elif isinstance(own, dict) and not isinstance(part, np.random.Generator):
-        for name in own:
-            require_like(getattr(part, name), state[name], f"{where}.{name}")
+def outline(state: Any) -> Any:
+    """What a state of `state_of` has in common with others of its part: names, kinds, lengths, shapes and dtypes."""
+    if isinstance(state, np.ndarray):
+        return f"{state.dtype}, {state.shape}"
+    if isinstance(state, dict):
+        return state.get("bit_generator") or {name: outline(own) for name, own in state.items()}
+    if isinstance(state, list):
+        return [outline(each) for each in state]
+    is_number = isinstance(state, (int, float, np.number)) and not isinstance(state, bool)
+    return "a number" if is_number else type(state).__name__  # a number may be Python's or NumPy's
 
 
 def put_back(part: Any, state: Any) -> Any:
@@ -68,13 +55,3 @@ def put_back(part: Any, state: Any) -> Any:
     else:
         return state
     return part
-
-
-def _kind_of(value: Any) -> str:
-    """A number may be Python's or NumPy's."""
-    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    return "a number" if is_number else type(value).__name__
-
-
-def _array_in_words(value: Any) -> str:
-    return f"{value.dtype}, {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__

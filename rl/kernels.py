@@ -7,7 +7,7 @@ from typing import Any
 import numba
 
 import cpgrl_opt
-from cpgrl_opt.machine_code import CompiledLate, compiled
+from cpgrl_opt.machine_code import compiled
 from envs import interface
 from envs.interface.kernel_cache import forget_outdated_kernels
 
@@ -18,11 +18,6 @@ helper = numba.njit(nogil=True, error_model="numpy")
 def kernel(signature: str, **options: Any) -> Callable[[Any], Any]:
     """Compiled, or loaded from the disk cache, as its module is imported."""
     return lambda function: compiled(signature, function, **options)
-
-
-def late(signature: str) -> Callable[[Any], CompiledLate]:
-    """A kernel that is compiled or loaded when it is first called, not when its module is imported."""
-    return lambda function: CompiledLate(signature, function)
 
 
 _HERE = Path(__file__).parent

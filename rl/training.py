@@ -12,7 +12,7 @@ from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.step import Observer
 from cpgrl_opt.validation import is_number, require_count
 
-from .carried import put_back, require_like, state_of
+from .carried import outline, put_back, state_of
 from .channels import name_of
 from .description import describe, describe_environment, describe_policy, first_difference
 from .estimators import Estimate, Estimation, GradientEstimator
@@ -190,11 +190,13 @@ class Training:
             raise ValueError(f"a saved training should have {', '.join(missing)}; found {', '.join(state)}")
         if type(state["episode"]) is not int or state["episode"] < 0:
             raise ValueError(f"episode should be a number ≥ 0; found {state['episode']!r}")
-        difference = first_difference(state["settings"], self._settings(), "")
+        own = {"θ": self._theta, "what the estimation carries": state_of(self._estimation)}
+        saved = {"θ": state["parameters"], "what the estimation carries": state["estimation"]}
+        difference = first_difference(state["settings"], self._settings(), "") or first_difference(
+            outline(saved), outline(own), ""
+        )
         if difference is not None:
             raise ValueError(difference)
-        require_like(self._theta, state["parameters"], "θ")
-        require_like(self._estimation, state["estimation"], "what the estimation carries")
         put_back(self._estimation, state["estimation"])
         self._ahead, self._is_whole = None, True
         self._theta, self._memory = state["parameters"].copy(), state["memory"]

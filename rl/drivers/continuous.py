@@ -3,11 +3,7 @@
 Inside, vectors of θ's length have their rows and columns exchanged (`normalized_gaussian_kernels`).
 """
 
-import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 
@@ -59,36 +55,11 @@ class ContinuousDriver:
         """Rows and columns exchanged back."""
         return _exchange(vectors, self.dimensions, self.shape[2] // self.dimensions)
 
-    def __getstate__(self) -> dict[str, Any]:
-        kernels = {field.name: _name_of(getattr(self.kernels, field.name)) for field in fields(self.kernels)}
-        return {**vars(self), "kernels": kernels}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        kernels = ContinuousKernels(**{name: _find(value) for name, value in state["kernels"].items()})
-        vars(self).update({**state, "kernels": kernels})
-
 
 def _exchange(vectors: Float[np.ndarray, "... n"], rows: int, columns: int) -> Float[np.ndarray, "... n"]:
     """Each vector, read as (rows, columns), by columns; a fresh array."""
     by_columns = vectors.reshape(*vectors.shape[:-1], rows, columns).swapaxes(-1, -2)
     return np.ascontiguousarray(by_columns).reshape(vectors.shape)
-
-
-@dataclass(frozen=True)
-class _Name:
-    """Where a compiled function is found: numba would pickle its source, and compile it anew, half a minute long."""
-
-    module: str
-    name: str
-
-
-def _name_of(value: Any) -> Any:
-    named = _Name(str(getattr(value, "__module__", "")), str(getattr(value, "__name__", "")))
-    return named if getattr(sys.modules.get(named.module), named.name, None) is value else value
-
-
-def _find(value: Any) -> Any:
-    return getattr(import_module(value.module), value.name) if isinstance(value, _Name) else value
 
 
 @kernel(

@@ -28,7 +28,7 @@ _BATCH = types.NamedTuple(
     ),
     Batch,
 )  # fmt: skip
-_RULE = types.FunctionType(step_signature())
+_STEP = step_signature()
 
 open_run, account, close_run = (
     numba.njit(function, nogil=True, error_model="numpy", inline="always")
@@ -39,12 +39,12 @@ open_run, account, close_run = (
 def driver_signature(arguments: str, *functions: str) -> Any:
     """void(a rule's step, functions by their signatures, arguments, batch); it loads from the disk cache."""
     own, _ = sigutils.normalize_signature(f"void({arguments})")
-    return types.void(_RULE, *map(function_type, functions), *own, _BATCH)
+    return types.void(types.FunctionType(_STEP), *map(function_type, functions), *own, _BATCH)
 
 
 @functools.cache
-def first_class(compiled: Any, signature: str) -> Any:
-    """A compiled function with its address looked up, which a dispatcher repeats at every call."""
+def address_of(compiled: Any, signature: Any) -> Any:
+    """A compiled function as an argument of another; a dispatcher would look its address up at every call."""
     arguments, _ = sigutils.normalize_signature(signature)
     return types.CompileResultWAP(compiled.overloads[arguments])
 
@@ -56,12 +56,6 @@ def _entry_point(advance: Any) -> Any:
     return found.entry_point
 
 
-@functools.cache
-def _address(step: CompiledStep) -> Any:
-    (found,) = step.machine_code.overloads.values()
-    return types.CompileResultWAP(found)
-
-
 def play(advance: Any, step: RuleStep, functions: dict[str, Any], *arguments: Any) -> None:
     """An episode of each run in one call: `advance` for a compiled rule, the same code interpreted for a plain one.
 
@@ -71,6 +65,6 @@ def play(advance: Any, step: RuleStep, functions: dict[str, Any], *arguments: An
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
             advance.py_func(step, *functions.values(), *arguments)
         return
-    addresses = [first_class(function, signature) for signature, function in functions.items()]
+    addresses = [address_of(function, signature) for signature, function in functions.items()]
     with InterruptsHeld():
-        _entry_point(advance)(_address(step), *addresses, *arguments)
+        _entry_point(advance)(address_of(step.machine_code, _STEP), *addresses, *arguments)

@@ -11,8 +11,8 @@ from ..drivers.finite import FiniteDriver
 from .finite_gpomdp_kernels import LANES, advance
 from .interface import Estimate
 from .learned_episodes import LearnedEpisodes
-from .reported_gradient import ReportedGradient, require_updates
-from .stored_average import StoredAverage, sum_of_weights
+from .sampling import Sampling
+from .stored_average import sum_of_weights
 
 if TYPE_CHECKING:
     from .gpomdp import GPOMDP
@@ -21,25 +21,20 @@ if TYPE_CHECKING:
 _STEPS_AHEAD, _NUMBERS_AHEAD = 50_000, 500_000
 
 
-class FiniteGPOMDP:
+class FiniteGPOMDP(Sampling):
     """B runs of GPOMDP on a finite MDP: the driver's draws, and fifteen times the speed of its rule step by step."""
 
     carried = ("random_states", "average")
 
     def __init__(self, settings: "GPOMDP", driver: FiniteDriver) -> None:
+        super().__init__(settings, driver)
         runs, channels, n = self.shape = driver.shape
         lanes = -(-channels // LANES) * LANES
         rewards = np.zeros((n, lanes))
         rewards[:, :channels] = driver.rewards
         self.steps = driver.limit
         following = 1.0 if settings.weights == "paper" else settings.trace_decay  # c
-        self.average = StoredAverage(settings, runs, channels)
-        as_printed, rate = settings.gradient == "episode mean", float(settings.average_rate)
-        # Episodes are equally long: for a report per step the mean over the updates is right, see `ReportedGradient`.
-        reported = ReportedGradient(self.average.by_episode, rate, runs, as_printed=as_printed)
-        rule = settings.rule(reported)
-        from_start = np.asarray(rule.from_start)
-        require_updates(rule.first, from_start, self.steps)
+        rule, rate = self.rule, float(settings.average_rate)
         self.gain = sum_of_weights(rate, self.steps - rule.first)
         self.taken, self.events = np.full(runs, self.steps), np.zeros(runs, dtype=np.int64)
         self.random_states = driver.random_states
@@ -49,8 +44,9 @@ class FiniteGPOMDP:
             driver.mdp.start,
             self.steps,
             rule.first,
-            from_start,
-            np.where(reported.summed, 1.0, max(self.steps - rule.first, 1)),
+            self.batch.from_start,
+            # episodes are equally long, so per step the mean over the updates is right: see `ReportedGradient`
+            np.where(self.reported.summed, 1.0, max(self.steps - rule.first, 1)),
             float(settings.trace_decay),
             following,
             rate,

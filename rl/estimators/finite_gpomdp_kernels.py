@@ -14,7 +14,8 @@ import numpy as np
 from envs.interface.random_stream import next_word
 
 from ..drivers.finite import pick, tabulate
-from ..kernels import helper, late
+from ..kernels import helper
+from ..late_kernels import late_kernel
 
 LANES = 4  # channels handled together, one vector register of float64
 
@@ -78,7 +79,7 @@ def contract(gathered, probabilities, divisors, gradients):  # type: ignore[no-u
                 gradients[i, q] = (gathered[q, i] - probabilities[s, a] * total) / divisors[i]
 
 
-@late(
+@late_kernel(
     "void(float64[:, ::1], uint64[:, :, ::1], float64[:, ::1], int64, int64, int64, boolean[::1], float64[::1], "
     "float64, float64, float64, uint64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1])"
 )

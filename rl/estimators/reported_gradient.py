@@ -63,6 +63,7 @@ class ReportedGradient:
         """Whether Σ_t m_t may be asked for."""
         return not self.as_printed and not bool(self.by_episode.all())
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows shows in the estimate
     def convert(
         self,
         means: Float[np.ndarray, "B channels n"],
@@ -76,12 +77,6 @@ class ReportedGradient:
         """
         if self.as_printed:
             return means
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows shows in the estimate
-            return self._convert(means, updates, rewards, spans)
-
-    def _convert(
-        self, means: np.ndarray, updates: np.ndarray, rewards: np.ndarray, spans: np.ndarray | None
-    ) -> Float[np.ndarray, "B channels n"]:
         own, earlier = np.asarray(updates, dtype=np.float64), self.lengths
         if self.weight.count:
             self.unequal |= own != earlier

@@ -73,7 +73,7 @@ class SamplingEstimator:
 class Sampling:
     """B runs of an estimator's rule, played by a driver."""
 
-    carried = ("driver", "average", "reported", "watch", "memory")
+    carried: tuple[str, ...] = ("driver", "average", "reported", "watch", "memory")
 
     def __init__(self, settings: SamplingEstimator, driver: Driver) -> None:
         runs, channels, n = driver.shape

@@ -1,19 +1,17 @@
 """What all Gaussian policies with a mean linear in features of the observation have in common."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cpgrl_opt.arrays import Float, Vector
 
-from .interface import at_parameters
-
-G = TypeVar("G", bound="GaussianPolicy")
+from .interface import ParametricPolicy
 
 
-class GaussianPolicy:
+class GaussianPolicy(ParametricPolicy):
     """u ~ N(Θᵀφ(x), σ²I);   ψ = φ(x) ⊗ (u − Θᵀφ(x)) / σ².
 
     A subclass has φ, d, σ and θ, the rows of Θ (k, d) one after the other. u is taken as drawn, and ψ is of that u:
@@ -24,7 +22,6 @@ class GaussianPolicy:
     features: Callable[[Any], Float[np.ndarray, "k"]]
     dimensions: int
     deviation: float
-    parameters: Vector
 
     def mean(self, observation: Any) -> Float[np.ndarray, "d"]:
         """Θᵀφ(x), (d,)."""
@@ -39,10 +36,6 @@ class GaussianPolicy:
         phi = self._features(observation)
         surprise = (np.asarray(action, dtype=np.float64) - self._mean_of(phi)) / self.deviation**2
         return np.outer(phi, surprise).reshape(-1)
-
-    def with_parameters(self: G, parameters: ArrayLike) -> G:
-        """The policy at another θ, (k·d,)."""
-        return at_parameters(self, parameters)
 
     def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
         return self.features(observation)

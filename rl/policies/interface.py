@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,8 +33,6 @@ class Policy(Protocol):
         """The policy at another θ, (n,)."""
 
 
-P = TypeVar("P", bound=Policy)
-
 _MOST_PARAMETERS = 10**12  # 8 TB
 
 
@@ -63,18 +61,23 @@ def first_parameters(parameters: ArrayLike | None, n: int) -> NDArray[np.float64
     return parameter_vector(np.zeros(n) if parameters is None else parameters, n)
 
 
-def at_parameters(policy: P, parameters: ArrayLike) -> P:
-    """A copy of a policy at another θ, of the same class, so that a subclass keeps its own `sample` and `score`.
+class ParametricPolicy:
+    """What policies with their θ in `parameters` have in common."""
 
-    Cached properties are computed anew. A subclass that stores more of what depends on θ needs its own
-    `with_parameters`.
-    """
-    theta = parameter_vector(parameters, len(policy.parameters))
-    other = copy.copy(policy)
-    for name in [name for name in vars(other) if isinstance(getattr(type(other), name, None), cached_property)]:
-        del vars(other)[name]
-    set_fields(other, parameters=theta)
-    return other
+    parameters: Vector
+
+    def with_parameters(self, parameters: ArrayLike) -> Self:
+        """The policy at another θ, (n,): a copy of the same class, so that a subclass keeps its `sample` and `score`.
+
+        Cached properties are computed anew. A subclass that stores more of what depends on θ needs its own
+        `with_parameters`. Raises ValueError for what is no θ of n finite numbers.
+        """
+        theta = parameter_vector(parameters, len(self.parameters))
+        other = copy.copy(self)
+        for name in [name for name in vars(other) if isinstance(getattr(type(other), name, None), cached_property)]:
+            del vars(other)[name]
+        set_fields(other, parameters=theta)
+        return other
 
 
 def feature_vector(features: Float[np.ndarray, "k"], size: int) -> Float[np.ndarray, "k"]:

@@ -1,7 +1,7 @@
 """A softmax over actions whose preferences are linear in features of the observation."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count
 
-from .interface import Features, Index, at_parameters, feature_vector, first_parameters, set_fields
+from .interface import Features, Index, ParametricPolicy, feature_vector, first_parameters, set_fields
 from .softmax_table import draw_action, softmax
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class LinearSoftmax:
+class LinearSoftmax(ParametricPolicy):
     """μ_θ(x, a) ∝ exp (Θᵀφ(x))_a;   ψ = φ(x) ⊗ (1[· = a] − μ_θ(x, ·)).
 
     One-hot features make it `SoftmaxTable`.
@@ -63,10 +63,6 @@ class LinearSoftmax:
         surprise = -self._of(phi)
         surprise[action] += 1.0
         return np.outer(phi, surprise).reshape(-1)
-
-    def with_parameters(self, parameters: ArrayLike) -> Self:
-        """The policy at another θ, (k·A,)."""
-        return at_parameters(self, parameters)
 
     def _features(self, observation: Any) -> Float[np.ndarray, "k"]:
         return feature_vector(self.features(observation), self.size)

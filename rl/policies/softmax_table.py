@@ -1,7 +1,6 @@
 """A lookup table with softmax distribution: the policy of the three-state MDP (§3.1)."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,11 +8,11 @@ from numpy.typing import ArrayLike
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import require_count
 
-from .interface import Index, at_parameters, first_parameters, set_fields
+from .interface import Index, ParametricPolicy, first_parameters, set_fields
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class SoftmaxTable:
+class SoftmaxTable(ParametricPolicy):
     """μ_θ(s, a) = exp θ_{s,a} / Σ_b exp θ_{s,b};   ψ_{s',b}(s, a) = 1[s' = s] (1[b = a] − μ_θ(s, b)).
 
     Parameters
@@ -58,10 +57,6 @@ class SoftmaxTable:
         psi[observation] = -self._row(observation)
         psi[observation, action] += 1.0
         return psi.reshape(-1)
-
-    def with_parameters(self, parameters: ArrayLike) -> Self:
-        """The table at another θ, (S·A,)."""
-        return at_parameters(self, parameters)
 
     def _row(self, state: Index) -> Float[np.ndarray, "A"]:
         return softmax(self.parameters[state * self.actions : (state + 1) * self.actions])

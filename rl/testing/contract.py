@@ -4,6 +4,8 @@ from collections.abc import Callable
 from functools import partial, wraps
 from typing import Any
 
+import numpy as np
+
 from cpgrl_opt.isolation import IsolationError, call
 
 _LONGEST = 3600.0  # s, where only memory has a limit
@@ -17,6 +19,15 @@ def require(holds: Any, should: str, found: object) -> None:
     """ContractBroken "… should …; found …" unless it holds."""
     if not holds:
         raise ContractBroken(f"{should}; found {found}")
+
+
+def require_reward(wanted: np.ndarray, found: np.ndarray, should: str) -> None:
+    """`require` the rewards wanted, to what float32 leaves of them; says whether only their order is wrong."""
+    same, swapped = (
+        wanted.shape == found.shape and np.allclose(one, other, rtol=1e-6, atol=1e-9)
+        for one, other in ((wanted, found), (np.sort(wanted), np.sort(found)))
+    )
+    require(same, should, f"{found}{': the same numbers in another order of channels' if swapped else ''}")
 
 
 def allow_limits(check: Callable[..., None]) -> Callable[..., None]:

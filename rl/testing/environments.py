@@ -11,7 +11,7 @@ import numpy as np
 from envs.interface import continuous_kernels_of, finite_kernel_of
 
 from ..channels import event_key, find_declaration, layers
-from .contract import allow_limits, require
+from .contract import allow_limits, require, require_reward
 from .kernels import check_continuous_kernels, check_finite_kernel
 
 # (observation, action, next observation) → what each channel should yield, (1 + m,)
@@ -203,13 +203,4 @@ def _check_ownership(transitions: list[Transition]) -> None:
 def _check_order(transitions: list[Transition], expected_reward: ExpectedReward) -> None:
     for t, each in enumerate(transitions):
         wanted = np.asarray(expected_reward(each.observation, each.action, each.following), dtype=np.float64)
-        require(
-            wanted.shape == each.reward.shape and np.allclose(wanted, each.reward, rtol=1e-6, atol=1e-9),
-            f"the reward of step {t} should be {wanted}, channel by channel",
-            f"{each.reward}{_swapped(wanted, each.reward)}",
-        )
-
-
-def _swapped(wanted: np.ndarray, found: np.ndarray) -> str:
-    same = wanted.shape == found.shape and np.allclose(np.sort(wanted), np.sort(found))
-    return ": the same numbers in another order of channels" if same else ""
+        require_reward(wanted, each.reward, f"the reward of step {t} should be {wanted}, channel by channel")

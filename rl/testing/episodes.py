@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Discrete
 
 from cpgrl_opt.arrays import Bool, Float
-from envs import TabularMDP
+from envs import TabularEnv, TabularMDP
 
 from ..policies import SoftmaxTable
 from .contract import allow_limits
@@ -71,34 +69,18 @@ class EpisodicMDP:
         return values, np.where(by_episode[:, None, None], gradients[:-1], ratio_slopes).reshape(len(values), -1)
 
 
-class EpisodicEnv(gymnasium.Env[np.int64, np.int64]):
+class EpisodicEnv(TabularEnv):
     """An `EpisodicMDP` as a Gymnasium environment: `terminated` after a last step; MO-Gymnasium's `reward_space`."""
 
     def __init__(self, mdp: EpisodicMDP) -> None:
-        _, states, actions = mdp.rewards.shape
-        self.mdp = mdp
-        self.observation_space, self.action_space = Discrete(states), Discrete(actions)
-        low, high = mdp.rewards.min(axis=(1, 2)), mdp.rewards.max(axis=(1, 2))
-        self.reward_space = Box(low, high, dtype=np.float64)
-        self.reward_channels = len(mdp.rewards)
-        self._beyond = mdp.transitions.cumsum(axis=2)[:, :, :-1]
-        self._state = mdp.start
+        super().__init__(TabularMDP(mdp.transitions, mdp.rewards, mdp.start))
+        self.quits = mdp.quits
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.int64, dict[str, Any]]:
-        """The start state."""
-        super().reset(seed=seed, options=options)
-        self._state = self.mdp.start
-        return np.int64(self._state), {}
-
-    def step(self, action: np.int64) -> tuple[np.int64, np.ndarray, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64 | int) -> tuple[np.int64, np.ndarray, bool, bool, dict[str, Any]]:
         """r(s, a), the next state, and whether the episode is over."""
-        pair = self._state, int(action)
-        ends, draw = self.np_random.random(2)
-        self._state = int((draw >= self._beyond[pair]).sum())
-        reward = self.mdp.rewards[(slice(None), *pair)].copy()
-        return np.int64(self._state), reward, ends < self.mdp.quits[pair], False, {}
+        ends = bool(self.np_random.random() < self.quits[self._current_state(), action])
+        following, reward, _, _, info = super().step(action)
+        return following, reward, ends, False, info
 
 
 @allow_limits

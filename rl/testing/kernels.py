@@ -8,7 +8,7 @@ import numpy as np
 from envs.interface import ContinuousKernels, FiniteKernel, random_state
 
 from ..channels import event_key, event_of
-from .contract import require
+from .contract import require, require_reward
 
 _EPISODES = 200  # of each side
 _STEPS = 20  # of an episode at most: enough to see how one moves
@@ -27,12 +27,8 @@ def check_finite_kernel(kernel: FiniteKernel, transitions: Sequence[Any], z: flo
         s, a = int(each.observation), int(each.action)
         counts[s, a, int(each.following)] += 1
         wanted = kernel.rewards[:, s, a]
-        in_order = np.allclose(np.sort(wanted), np.sort(each.reward), rtol=1e-6, atol=1e-9)
-        require(
-            wanted.shape == each.reward.shape and np.allclose(wanted, each.reward, rtol=1e-6, atol=1e-9),
-            f"the reward in state {s} for action {a} should be the kernel's, {wanted}",
-            f"{each.reward}{': the same numbers in another order of channels' if in_order else ''}",
-        )
+        should = f"the reward in state {s} for action {a} should be the kernel's, {wanted}"
+        require_reward(wanted, each.reward, should)
     visits = counts.sum(axis=2, keepdims=True)
     error = np.abs(counts - visits * probabilities)
     # 1 for what is rare: the count of an event of small probability is no Gaussian.
