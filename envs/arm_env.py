@@ -66,7 +66,7 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
         if unknown:
             raise ValueError(f"options should hold 'angles' or nothing; found {unknown}")
         if options and "angles" in options:
-            self._angles = self._start(options["angles"])
+            self._angles = self._check_start(options["angles"])
         else:
             words = self.np_random.integers(2**64, size=4, dtype=np.uint64)
             self._kernels.reset(self._kernels.constants, words, self._angles)
@@ -105,7 +105,7 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
 
         return arm_picture(self.arm, self._angles, self._caption())
 
-    def _start(self, angles: ArrayLike) -> Float64[np.ndarray, "2"]:
+    def _check_start(self, angles: ArrayLike) -> Float64[np.ndarray, "2"]:
         start = finite_array("angles", angles).copy()
         if start.shape != (2,) or not self.observation_space.contains(start):
             low, high = self.arm.stops

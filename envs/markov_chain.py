@@ -23,7 +23,7 @@ def recurrent_states(chain: Chain) -> Bool[np.ndarray, "*runs states"]:
     recurrent: Bool[np.ndarray, "*runs states"] = np.logical_and.reduce(reaches, axis=-2)
     multichain = ~recurrent.any(axis=-1)
     if multichain.any():
-        raise ValueError(_several_classes(reaches[tuple(np.argwhere(multichain)[0])]))
+        raise ValueError(_describe_classes(reaches[tuple(np.argwhere(multichain)[0])]))
     return recurrent
 
 
@@ -74,7 +74,7 @@ def stationary_distribution(chain: Chain) -> StateDistribution:
     return distribution
 
 
-def _several_classes(reaches: Bool[np.ndarray, "states states"]) -> str:
+def _describe_classes(reaches: Bool[np.ndarray, "states states"]) -> str:
     # i recurs when whatever it reaches leads back to it; its class is what it reaches.
     recurs = (~reaches | reaches.T).all(axis=1)
     classes = sorted({tuple(int(j) for j in np.flatnonzero(reaches[i])) for i in np.flatnonzero(recurs)})

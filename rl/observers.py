@@ -1,7 +1,7 @@
 """Whoever looks on while a training runs: a CSV file, TensorBoard, a progress bar, or an observer of one's own.
 
->>> from rl.observers import CsvLog, ProgressBar, observed
->>> for record in observed(train(…, episodes=1000), CsvLog("log.csv"), ProgressBar(1000)):     # doctest: +SKIP
+>>> from rl.observers import CsvLog, ProgressBar, watch
+>>> for record in watch(train(…, episodes=1000), CsvLog("log.csv"), ProgressBar(1000)):     # doctest: +SKIP
 ...     pass
 """
 
@@ -34,7 +34,7 @@ class ObserverWarning(RuntimeWarning):
     """An observer raised; the training goes on without it."""
 
 
-def observed(records: Iterable[TrainingRecord], *observers: RecordObserver) -> Iterator[TrainingRecord]:
+def watch(records: Iterable[TrainingRecord], *observers: RecordObserver) -> Iterator[TrainingRecord]:
     """The same records; each observer sees every one before it comes out.
 
     An observer that raises, on a full disk say, is left out from then on, and an ObserverWarning says which and why:

@@ -10,9 +10,9 @@ import numpy as np
 from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.validation import is_finite
 
+from ._spaces import hand_over, own_copy
 from .channels import event_key, event_of, name_of, reward_channels
 from .policies import Policy
-from .spaces import hand_over, own_copy
 
 
 class RolloutError(ValueError):
@@ -73,8 +73,8 @@ def episode(
     for step in range(limit):
         try:
             action, score = act(policy, observation, rng)
-            following, reward, terminated, truncated, info = _answer(environment.step(hand_over(action, space)))
-            rewards, following = _vector(reward, channels), _own_observation("observation", following)
+            following, reward, terminated, truncated, info = _check_answer(environment.step(hand_over(action, space)))
+            rewards, following = _reward_vector(reward, channels), _own_observation("observation", following)
         except RolloutError as error:
             raise error.at(environment, step, run) from error.__cause__
         yield Step(observation, action, rewards, event_of(info, key, terminated=terminated), following, score)
@@ -131,7 +131,7 @@ _OTHERS = {
 }
 
 
-def _answer(answer: Any) -> tuple[Any, Any, bool, bool, Any]:
+def _check_answer(answer: Any) -> tuple[Any, Any, bool, bool, Any]:
     if isinstance(answer, tuple) and len(answer) == 5:
         observation, reward, terminated, truncated, info = answer
         return observation, reward, bool(terminated), bool(truncated), info
@@ -169,7 +169,7 @@ def _flaw(value: Any, where: str = "") -> str | None:
     return next((flaw for key, part in parts if (flaw := _flaw(part, f"{where}[{key!r}]")) is not None), None)
 
 
-def _vector(reward: Any, channels: int) -> Float[np.ndarray, "channels"]:
+def _reward_vector(reward: Any, channels: int) -> Float[np.ndarray, "channels"]:
     try:
         given = np.asarray(reward)
         vector = np.array(given, dtype=np.float64) if given.dtype.kind in "biufO" else None

@@ -12,7 +12,8 @@ from cpgrl_opt.arrays import Float, Vector
 from cpgrl_opt.step import Observer
 from cpgrl_opt.validation import is_number, require_count
 
-from .carried import outline, put_back, state_of
+from ._carried import put_back, require_like, state_of
+from ._updates import DivergenceError, TrainingCourse, estimate_episode, update_parameters
 from .channels import name_of
 from .description import describe, describe_environment, describe_policy, first_difference
 from .estimators import Estimate, Estimation, GradientEstimator
@@ -22,7 +23,6 @@ from .policies import Policy
 from .policies.interface import parameter_vector
 from .saved_state import read_state, write_state
 from .streams import MOST_COUNTED, run_indices, run_streams
-from .updates import Course, DivergenceError, estimate_episode, update_parameters
 
 __all__ = ["DivergenceError", "Initial", "Training", "TrainingRecord", "train", "uniform_parameters"]
 
@@ -115,7 +115,9 @@ class Training:
         if not isinstance(self._estimation, Estimation):
             raise ValueError(f"the estimator's start should return an Estimation (episode); found {self._estimation!r}")
         self._learner, self._memory = learner, None
-        self._course = Course(name_of(environment), indices, episodes, observe, stop_when_stationary, max_change)
+        self._course = TrainingCourse(
+            name_of(environment), indices, episodes, observe, stop_when_stationary, max_change
+        )
         self._learning, self._step = _compiled_learning(self._estimation, learner, self._theta, self._course)
         self._environment = environment
         self._made_with = {  # before anybody counts anything in them
@@ -190,13 +192,11 @@ class Training:
             raise ValueError(f"a saved training should have {', '.join(missing)}; found {', '.join(state)}")
         if type(state["episode"]) is not int or state["episode"] < 0:
             raise ValueError(f"episode should be a number ≥ 0; found {state['episode']!r}")
-        own = {"θ": self._theta, "what the estimation carries": state_of(self._estimation)}
-        saved = {"θ": state["parameters"], "what the estimation carries": state["estimation"]}
-        difference = first_difference(state["settings"], self._settings(), "") or first_difference(
-            outline(saved), outline(own), ""
-        )
+        difference = first_difference(state["settings"], self._settings(), "")
         if difference is not None:
             raise ValueError(difference)
+        require_like(self._theta, state["parameters"], "θ")
+        require_like(self._estimation, state["estimation"], "what the estimation carries")
         put_back(self._estimation, state["estimation"])
         self._ahead, self._is_whole = None, True
         self._theta, self._memory = state["parameters"].copy(), state["memory"]
@@ -216,7 +216,7 @@ class Training:
             if self._ahead is None:
                 self._ahead = _Ahead.of(self._learning, self._theta, self._step, self._course.episodes - self._episode)
             if self._ahead is not None and self._ahead.shown < self._ahead.learned.made:
-                return self._shown(self._ahead)
+                return self._show(self._ahead)
             if self._ahead is not None:  # an episode whose update is not the usual one
                 learned, self._ahead = self._ahead.learned, None
                 estimate, self._theta = learned.estimate(learned.made), learned.parameters[learned.made]
@@ -227,7 +227,7 @@ class Training:
         self._is_stationary = bool(update.stationary.all())
         return TrainingRecord(episode, theta, estimate, update)
 
-    def _shown(self, ahead: "_Ahead") -> TrainingRecord:
+    def _show(self, ahead: "_Ahead") -> TrainingRecord:
         learned = ahead.learned
         self._episode += 1
         record = _LearnedRecord.of(self._episode, learned, ahead.shown)
@@ -312,7 +312,7 @@ def _require_types(policy: object, estimator: object, learner: object, initial: 
 
 
 def _compiled_learning(
-    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: Course
+    estimation: Estimation, learner: Learner, parameters: Float[np.ndarray, "B n"], course: TrainingCourse
 ) -> tuple[LearningEstimation | None, tuple[Any, ...]]:
     """Who makes usual updates without Python, and what it takes of the learner; None where nobody can.
 

@@ -66,14 +66,14 @@ def _kernels_of(environment: Any, protocol: type, name: str, kind: type) -> Any:
         if owner is None:  # lent by __getattr__ from another environment, whose step is not this one's
             return None
         if changed := list_overrides(environment, owner):
-            return _none_or_raise(environment, f"{owner.__name__}.{name}", changed)
+            return _require_own_step(environment, f"{owner.__name__}.{name}", changed)
     kernels = getattr(environment, name)()
     if not isinstance(kernels, kind):
         raise ValueError(f"{name} should return a {kind.__name__}; found {kernels!r}")
     return kernels
 
 
-def _none_or_raise(environment: Any, inherited: str, changed: list[str]) -> None:
+def _require_own_step(environment: Any, inherited: str, changed: list[str]) -> None:
     """None where `reset` and `step` remain to train by; else ValueError."""
     if all(callable(getattr(environment, name, None)) for name in ("reset", "step")):
         return

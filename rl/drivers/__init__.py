@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from .._spaces import behaves_as
 from ..policies import NormalizedGaussianNetwork, Policy, SoftmaxTable
-from ..spaces import behaves_as
 from .interface import Batch, Course, Driver, Rule, RuleStep, Score, account, close_run, compiled_step, open_run
 from .python import PythonDriver
 

@@ -12,7 +12,7 @@ from cpgrl_opt.arrays import Float, UInt64
 from envs.interface import FiniteKernel, random_state
 from envs.interface.random_stream import next_word
 
-from ..kernels import helper
+from .._kernels import helper
 from ..policies import SoftmaxTable
 from .interface import Batch, RuleStep, Score
 from .kernels import account, close_run, driver_signature, kernel, open_run, play

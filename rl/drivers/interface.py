@@ -14,7 +14,7 @@ import numpy as np
 
 from cpgrl_opt.arrays import Float
 
-from ..late_kernels import LateKernel
+from .._late_kernels import LateKernel
 
 
 class Score(NamedTuple):
@@ -188,7 +188,7 @@ class CompiledStep(LateKernel):
     @cached_property
     def machine_code(self) -> Any:
         """The function compiled for the signature of all rules."""
-        from ..kernels import kernel  # numba loads here
+        from .._kernels import kernel  # numba loads here
 
         return kernel(step_signature())(self.function)
 

@@ -10,8 +10,8 @@ from numba.core import sigutils
 
 from envs.interface import function_type
 
+from .._kernels import kernel
 from ..interrupts import InterruptsHeld
-from ..kernels import kernel
 from . import interface
 from .interface import Batch, CompiledStep, RuleStep, step_signature
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from cpgrl_opt.arrays import Float, Vector
 
+from .._spaces import require_fitting
 from ..channels import reward_channels
 from ..policies import Policy
 from ..rollout import Step, act, episode, locate_errors
-from ..spaces import require_fitting
 from .interface import Batch, CompiledStep, RuleStep, Score, account, close_run, open_run
 
 

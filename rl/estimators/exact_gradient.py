@@ -8,8 +8,8 @@ import numpy as np
 
 from cpgrl_opt.arrays import Float
 
+from .._spaces import behaves_as
 from ..policies import Policy, SoftmaxTable
-from ..spaces import behaves_as
 from .interface import Estimate
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from envs.interface.random_stream import next_word
 
+from .._kernels import helper
+from .._late_kernels import late_kernel
 from ..drivers.finite import pick, tabulate
-from ..kernels import helper
-from ..late_kernels import late_kernel
 
 LANES = 4  # channels handled together, one vector register of float64
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cpgrl_opt.direct_step import move_parameters
 
-from ..kernels import kernel
+from .._kernels import kernel
 from .finite_gpomdp_kernels import advance
 
 _advance, _move = advance.machine_code, move_parameters.machine_code

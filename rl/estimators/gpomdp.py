@@ -7,8 +7,8 @@ import numpy as np
 
 from cpgrl_opt.validation import require_member, require_within
 
+from .._late_kernels import late_kernel
 from ..drivers import Driver, Rule, compiled_step
-from ..late_kernels import late_kernel
 from .interface import Estimation
 from .reported_gradient import ReportedGradient
 from .sampling import SamplingEstimator

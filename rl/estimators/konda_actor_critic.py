@@ -10,8 +10,8 @@ import numpy as np
 
 from cpgrl_opt.validation import require_positive, require_within
 
+from .._late_kernels import inner, late_kernel
 from ..drivers import Rule, compiled_step
-from ..late_kernels import inner, late_kernel
 from .reported_gradient import ReportedGradient
 from .sampling import SamplingEstimator
 

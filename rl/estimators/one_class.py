@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from .._spaces import behaves_as
 from ..policies import LinearSoftmax, Policy, SoftmaxTable
-from ..spaces import behaves_as
 
 
 def require_one_class(environment: Any, policy: Policy, average: str | Sequence[str]) -> None:

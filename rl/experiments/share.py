@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..carried import put_back, state_of
+from .._carried import put_back, state_of
 from ..training import TrainingRecord
 from .checkpoints import Checkpoint, Checkpoints
 from .experiment import Experiment, TrainingCase

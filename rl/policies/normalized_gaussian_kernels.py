@@ -11,8 +11,8 @@ import numpy as np
 from cpgrl_opt.arrays import Float64, Int64
 from envs.interface.random_stream import uniform
 
-from ..kernels import kernel
-from ..late_kernels import inner
+from .._kernels import kernel
+from .._late_kernels import inner
 from .normalized_gaussian_network import NormalizedGaussianNetwork
 
 

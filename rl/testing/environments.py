@@ -63,10 +63,10 @@ def check_constrained_env(
     """
     inner = getattr(env, "unwrapped", env)
     space = _check_spaces(env)
-    first = _rollout(env, steps, seed)
+    first = _roll_out(env, steps, seed)
     _check_rewards(first, space)
     _check_ownership(first)
-    again = _rollout(env, steps, seed, disturb=True)
+    again = _roll_out(env, steps, seed, disturb=True)
     for t, (one, other) in enumerate(zip(first, again, strict=False)):
         for name in ("observation", "reward", "following", "ended"):
             require(
@@ -80,7 +80,7 @@ def check_constrained_env(
     if expected_reward is not None:
         _check_order(first, expected_reward)
     if (kernel := finite_kernel_of(inner)) is not None:
-        check_finite_kernel(kernel, first if inner is env else _rollout(inner, steps, seed), z)
+        check_finite_kernel(kernel, first if inner is env else _roll_out(inner, steps, seed), z)
     if (kernels := continuous_kernels_of(inner)) is not None:
         check_continuous_kernels(kernels, inner, seed, z)
 
@@ -108,7 +108,7 @@ def _check_spaces(env: Any) -> gymnasium.spaces.Box:
     return box
 
 
-def _rollout(env: Any, steps: int, seed: int, *, disturb: bool = False) -> list[Transition]:
+def _roll_out(env: Any, steps: int, seed: int, *, disturb: bool = False) -> list[Transition]:
     """Random actions from a generator of its own; episodes after the first start without a seed."""
     rng = np.random.default_rng(seed)
     env.action_space.seed(int(rng.integers(2**31)))

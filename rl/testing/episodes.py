@@ -125,7 +125,7 @@ def check_episodic_estimator(
         rng = np.random.default_rng([seed, number])
         policy, theta = SoftmaxTable(_STATES, _ACTIONS), rng.normal(0.0, 0.5, _STATES * _ACTIONS)
         table = policy.probabilities(theta)
-        mdp = _hasty_or_lasting(rng, table)
+        mdp = _draw_episodic_mdp(rng, table)
         kinds = [average] * len(mdp.rewards) if isinstance(average, str) else list(average)
         by_episode = np.array([kind == "episode" for kind in kinds])
         exact, slopes = mdp.averages(table, by_episode, first_step=first_step)
@@ -138,7 +138,7 @@ def check_episodic_estimator(
         check_gradients(slopes, gradients, bias, z, up_to_scale=up_to_scale)
 
 
-def _hasty_or_lasting(rng: np.random.Generator, table: np.ndarray) -> EpisodicMDP:
+def _draw_episodic_mdp(rng: np.random.Generator, table: np.ndarray) -> EpisodicMDP:
     """Action 0 soon ends the episode, action 1 does not. Of _CANDIDATES rewards for a channel the steepest stay."""
     transitions = rng.dirichlet(np.ones(_STATES), size=(_STATES, _ACTIONS))
     quits = np.stack([rng.uniform(*bounds, size=_STATES) for bounds in _QUITS], axis=1)

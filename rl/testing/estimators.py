@@ -8,7 +8,7 @@ import numpy as np
 from cpgrl_opt.arrays import Float
 from envs import TabularMDP
 
-from ..carried import put_back, state_of
+from .._carried import put_back, state_of
 from ..policies import SoftmaxTable
 from .contract import allow_limits, require
 
@@ -61,7 +61,7 @@ def check_gradient_estimator(
     for number in range(mdps):
         rng = np.random.default_rng([seed, number])
         policy, theta = SoftmaxTable(_STATES, _ACTIONS), rng.normal(0.0, 0.5, _STATES * _ACTIONS)
-        mdp = _slow_mdp(rng, policy.probabilities(theta))
+        mdp = _draw_slow_mdp(rng, policy.probabilities(theta))
         _check_streams(estimator, mdp, policy, theta, seed)
         _check_carried(estimator, mdp, policy, theta, seed)
         streams = np.random.SeedSequence(entropy=seed, spawn_key=(number,)).spawn(runs)
@@ -84,7 +84,7 @@ def mean_estimates(
     return values, gradients
 
 
-def _slow_mdp(rng: np.random.Generator, table: np.ndarray) -> TabularMDP:
+def _draw_slow_mdp(rng: np.random.Generator, table: np.ndarray) -> TabularMDP:
     """An action mostly decides where one goes next, so that an action's worth lies in what comes after.
 
     Averages under the policy are _AVERAGES: small beside the rewards' spread, since they are noise to a gradient
@@ -108,7 +108,7 @@ def _check_streams(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta:
 
     def play(*runs: int) -> list[np.ndarray]:
         streams = [np.random.SeedSequence(entropy=seed, spawn_key=(99, run)) for run in runs]
-        return _three_episodes(estimator.start(mdp, policy, streams), parameters[list(runs)])
+        return _play_three_episodes(estimator.start(mdp, policy, streams), parameters[list(runs)])
 
     together, alone = play(0, 1, 2), zip(*(play(run) for run in range(3)), strict=True)
     for name, again in (
@@ -141,7 +141,7 @@ def _check_carried(estimator: Any, mdp: TabularMDP, policy: SoftmaxTable, theta:
             _require_same(getattr(one, what), getattr(other, what), should, ": something else is carried too")
 
 
-def _three_episodes(estimation: Any, parameters: np.ndarray) -> list[np.ndarray]:
+def _play_three_episodes(estimation: Any, parameters: np.ndarray) -> list[np.ndarray]:
     """ρ and Δ of three episodes, (3, B, …) each; what is checked of any estimate on the way."""
     before, estimates, copies = parameters.copy(), [], []
     shape = (len(parameters), _CHANNELS)

@@ -43,7 +43,7 @@ def test_a_cache_that_cannot_be_changed_is_used_as_it_is(folder, monkeypatch):
 def test_rl_watches_every_file_that_its_kernels_may_hold_code_of():
     import rl
     from envs import interface
-    from rl.kernels import _FOLDERS, _sources
+    from rl._kernels import _FOLDERS, _sources
 
     sources = {source.resolve() for source in _sources()}
     for package, folder in ((interface, ""), (rl, "policies"), (rl, "drivers"), (rl, "estimators")):

@@ -84,6 +84,8 @@ def test_neither_environment_nor_policy_changes_what_was_drawn() -> None:
         found, estimate = estimate_of(Foreign(answer, action_space=space), estimator, other)
         np.testing.assert_array_equal(estimate.gradients, right.gradients)
         np.testing.assert_array_equal(found.critics, plain.critics)
+    first, second = episode(Foreign(action_space=space), Given(sample, score), np.random.default_rng(0), 2)
+    assert first.action != second.action
 
 
 # --- events (B3) -------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 from cpgrl_opt import ConstrainedStep
 from envs import ThreeStateMDP
 from rl import CPGRL, GPOMDP, SoftmaxTable, Training
-from rl.observers import CsvLog, ObserverWarning, ProgressBar, ProgressBars, TensorBoardLog, observed, quantities
+from rl.observers import CsvLog, ObserverWarning, ProgressBar, ProgressBars, TensorBoardLog, quantities, watch
 
 
 def training():
@@ -31,7 +31,7 @@ class Noting:
 
 
 def test_the_csv_holds_what_the_records_do(tmp_path):
-    records = list(observed(training(), CsvLog(tmp_path / "log.csv", every=2)))
+    records = list(watch(training(), CsvLog(tmp_path / "log.csv", every=2)))
     with (tmp_path / "log.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(int(row["episode"]), int(row["run"])) for row in rows] == [(k, run) for k in (2, 4, 6) for run in range(2)]
@@ -46,7 +46,7 @@ def test_tensorboard_reads_means_over_the_runs(tmp_path):
     pytest.importorskip("tensorboardX")
     from tensorboardX.proto.event_pb2 import Event
 
-    records = list(observed(training(), TensorBoardLog(tmp_path, every=3)))
+    records = list(watch(training(), TensorBoardLog(tmp_path, every=3)))
     (path,) = tmp_path.iterdir()
     content, found = path.read_bytes(), {}
     while content:  # a length, its checksum, an event, its checksum
@@ -62,14 +62,14 @@ def test_tensorboard_reads_means_over_the_runs(tmp_path):
 def test_an_observer_that_raises_is_left_out_aloud_and_the_training_goes_on():
     broken, sound = Noting(breaks_at=2), Noting()
     with pytest.warns(ObserverWarning, match="Noting raised OSError after episode 2: no space left"):
-        records = list(observed(training(), broken, sound))
+        records = list(watch(training(), broken, sound))
     assert [record.episode for record in records] == sound.seen == [1, 2, 3, 4, 5, 6]
     assert (broken.seen, broken.closed, sound.closed) == ([1, 2], 1, 1)
 
 
 def test_a_training_that_is_left_closes_its_observers_and_can_be_saved(tmp_path):
     begun, noting = training(), Noting()
-    for record in (records := observed(begun, noting)):
+    for record in (records := watch(begun, noting)):
         if record.episode == 3:
             begun.save(tmp_path / "state.npz")
             break
@@ -79,7 +79,7 @@ def test_a_training_that_is_left_closes_its_observers_and_can_be_saved(tmp_path)
 
 def test_what_is_no_observer_is_refused():
     with pytest.raises(ValueError, match="see\\(record\\) and close"):
-        observed(training(), print)
+        watch(training(), print)
     with pytest.raises(ValueError, match="every should be"):
         CsvLog("log.csv", every=0)
 
@@ -88,7 +88,7 @@ def test_bars_move_and_nothing_is_drawn_without_a_terminal(capsys):
     with ProgressBars({"a": 50, "b": 10}) as bars:
         bars.move("a", 30)
         assert [task.completed for task in bars.bars.tasks] == [30, 0]
-    for _ in observed(training(), ProgressBar(6)):
+    for _ in watch(training(), ProgressBar(6)):
         pass
     captured = capsys.readouterr()
     assert captured.out == captured.err == ""

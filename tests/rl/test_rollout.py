@@ -7,7 +7,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from rl import GPOMDP, LinearGaussian, LinearSoftmax, NormalizedGaussianNetwork, SoftmaxTable
-from rl.spaces import require_fitting
+from rl._spaces import require_fitting
 
 from .stand_ins import Foreign, learn
 

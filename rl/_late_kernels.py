@@ -18,7 +18,7 @@ class LateKernel(CompiledLate):
     @cached_property
     def machine_code(self) -> Any:
         """The compiled function itself."""
-        from .kernels import kernel  # numba loads here
+        from ._kernels import kernel  # numba loads here
 
         return kernel(self.signature, **self.options)(self.function)
 

@@ -27,7 +27,7 @@ _FOLDERS = [_HERE / "policies", _HERE / "drivers", _HERE / "estimators"]
 def _sources() -> list[Path]:
     steps = Path(cpgrl_opt.__file__).parent
     inlined = [*_FOLDERS, Path(interface.__file__).parent, steps / "solvers" / "compiled"]
-    alone = [Path(__file__), _HERE / "late_kernels.py", steps / "direct_step.py"]
+    alone = [Path(__file__), _HERE / "_late_kernels.py", steps / "direct_step.py"]
     return [*alone, *(source for folder in inlined for source in folder.glob("*.py"))]
 
 

@@ -22,7 +22,7 @@ class DivergenceError(FloatingPointError):
 
 
 @dataclass(frozen=True)
-class Course:
+class TrainingCourse:
     """Where a training is and how far it goes."""
 
     environment: str
@@ -34,7 +34,7 @@ class Course:
 
 
 def estimate_episode(
-    estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: Course, episode: int
+    estimation: Estimation, parameters: Float[np.ndarray, "B n"], course: TrainingCourse, episode: int
 ) -> Estimate:
     """One episode; what is wrong with environment or policy is told with the run's own number."""
     try:
@@ -54,11 +54,11 @@ def update_parameters(
     learner: Learner,
     parameters: Float[np.ndarray, "B n"],
     memory: Any,
-    course: Course,
+    course: TrainingCourse,
     episode: int,
 ) -> tuple[Float[np.ndarray, "B n"], LearnerUpdate]:
     """The learner's update and θ after it, or what is wrong with either."""
-    linearization = _finite(estimate, parameters, course, episode)
+    linearization = _linearize(estimate, parameters, course, episode)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by _require_finite
         try:
             update = learner.update(linearization, memory, course.observe)
@@ -71,7 +71,9 @@ def update_parameters(
     return parameters, update
 
 
-def _finite(estimate: Estimate, parameters: Float[np.ndarray, "B n"], course: Course, episode: int) -> Linearization:
+def _linearize(
+    estimate: Estimate, parameters: Float[np.ndarray, "B n"], course: TrainingCourse, episode: int
+) -> Linearization:
     """The linearization, or which run and channel diverged."""
     if not is_finite(estimate.rewards):
         run, channel = np.argwhere(~np.isfinite(estimate.rewards))[0]
@@ -114,7 +116,7 @@ def _require_finite(parameters: Float[np.ndarray, "B n"], runs: tuple[int, ...],
         )
 
 
-def _require_small(change: Float[np.ndarray, "B n"], course: Course, episode: int) -> None:
+def _require_small(change: Float[np.ndarray, "B n"], course: TrainingCourse, episode: int) -> None:
     if course.max_change < np.inf and (found := np.abs(change)).max() > course.max_change:
         run, index = np.unravel_index(found.argmax(), found.shape)
         raise DivergenceError(

@@ -29,16 +29,26 @@ def state_of(part: Any) -> Any:
     return {name: state_of(getattr(part, name)) for name in names}
 
 
-def outline(state: Any) -> Any:
-    """What a state of `state_of` has in common with others of its part: names, kinds, lengths, shapes and dtypes."""
-    if isinstance(state, np.ndarray):
-        return f"{state.dtype}, {state.shape}"
-    if isinstance(state, dict):
-        return state.get("bit_generator") or {name: outline(own) for name, own in state.items()}
+def require_like(part: Any, state: Any, where: str) -> None:
+    """ValueError unless the state is one of such a part: same names, kinds, lengths, shapes and dtypes."""
+    wanted, found = _outline(state, where), _outline(state_of(part), where)
+    for place in {**wanted, **found}:
+        if wanted.get(place) != found.get(place):
+            raise ValueError(f"{place} should be as saved, {wanted.get(place)}; found {found.get(place)}")
+
+
+def _outline(state: Any, where: str) -> dict[str, str]:
+    """By place what a state has in common with others of its part. A number may be Python's or NumPy's."""
+    if isinstance(state, dict) and "bit_generator" not in state:
+        return {at: kind for name, own in state.items() for at, kind in _outline(own, f"{where}.{name}").items()}
     if isinstance(state, list):
-        return [outline(each) for each in state]
+        return {at: kind for k, own in enumerate(state) for at, kind in _outline(own, f"{where}[{k}]").items()}
+    if isinstance(state, np.ndarray):
+        return {where: f"{state.dtype}, {state.shape}"}
+    if isinstance(state, dict):
+        return {where: str(state["bit_generator"])}
     is_number = isinstance(state, (int, float, np.number)) and not isinstance(state, bool)
-    return "a number" if is_number else type(state).__name__  # a number may be Python's or NumPy's
+    return {where: "a number" if is_number else type(state).__name__}
 
 
 def put_back(part: Any, state: Any) -> Any:
