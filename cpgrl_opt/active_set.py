@@ -28,7 +28,23 @@ def violated(
     *,
     margin: Number = 0.0,
 ) -> Bool[np.ndarray, "*runs m"]:
-    """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3)."""
+    """𝒜 = {i : ρⁱ − Gⁱ ≤ margin}; margin 0 is the paper's (§2.3).
+
+    Parameters
+    ----------
+    slack : ρ − G, (…, m), in the unit of the constraints, as margin is
+    previous : not looked at; a rule without memory
+    margin : at least 0
+
+    Returns
+    -------
+    (…, m), True where the constraint is in 𝒜
+
+    Raises
+    ------
+    ValueError
+        NaN in slack, or a negative margin.
+    """
     require_nonnegative("margin", margin)
     return np.asarray(_check_slack(slack) <= margin)
 
@@ -36,7 +52,23 @@ def violated(
 def hysteresis(
     slack: ArrayLike, previous: ArrayLike | None = None, *, enter: Number = 0.0, leave: Number = 0.01
 ) -> Bool[np.ndarray, "*runs m"]:
-    """𝒜 = {i : slackᵢ ≤ enter} ∪ {i ∈ 𝒜_previous : slackᵢ ≤ leave}: noise about the threshold does not toggle it."""
+    """𝒜 = {i : slackᵢ ≤ enter} ∪ {i ∈ 𝒜_previous : slackᵢ ≤ leave}: noise about the threshold does not toggle it.
+
+    Parameters
+    ----------
+    slack : ρ − G, (…, m), in the unit of the constraints, as enter and leave are
+    previous : (…, m), 𝒜_previous; None: empty
+    enter, leave : numbers, enter ≤ leave
+
+    Returns
+    -------
+    (…, m), True where the constraint is in 𝒜
+
+    Raises
+    ------
+    ValueError
+        NaN in slack, previous of another shape or not Boolean, or leave < enter.
+    """
     for name, value in (("enter", enter), ("leave", leave)):
         require_number(name, value)
     require_nonnegative("leave − enter", leave - enter)

@@ -18,7 +18,22 @@ _TIED = 1e-9
 
 
 def project_onto_tangent(jacobian: ArrayLike, gradient: ArrayLike) -> Vector:
-    """PΔ = Δ − J⁺JΔ, the part of the gradient tangent to all constraints; (m, n), (n,) → (n,). Source: eq. 9."""
+    """PΔ = Δ − J⁺JΔ, the part of the gradient tangent to all constraints. Source: eq. 9.
+
+    Parameters
+    ----------
+    jacobian : J, (m, n); rows may depend or be zero
+    gradient : Δ, (n,)
+
+    Returns
+    -------
+    PΔ, (n,), in the unit of Δ
+
+    Raises
+    ------
+    ValueError
+        An array that is not finite, or of another shape.
+    """
     _, (_, _, V), g = _factors_beside(jacobian, "gradient", gradient, 1)
     for _ in range(2):  # the second pass takes away what rounding left of the first
         g = g - V @ (V.T @ g)
@@ -26,7 +41,22 @@ def project_onto_tangent(jacobian: ArrayLike, gradient: ArrayLike) -> Vector:
 
 
 def restoration_move(jacobian: ArrayLike, slack: ArrayLike) -> Vector:
-    """d = J⁺ slack, to be subtracted: J(θ − d) makes up for a negative slack; (m, n), (m,) → (n,). Source: eq. 10."""
+    """d = J⁺ slack, to be subtracted: J(θ − d) makes up for a negative slack. Source: eq. 10.
+
+    Parameters
+    ----------
+    jacobian : J, (m, n); a zero row is left out
+    slack : (m,), in the unit of the constraints
+
+    Returns
+    -------
+    d, (n,), in the unit of θ; the shortest one
+
+    Raises
+    ------
+    ValueError
+        An array that is not finite, or of another shape.
+    """
     rows, (U, s, V), target = _factors_beside(jacobian, "slack", slack, 0)
     target = np.where(rows.largest > 0, rows.per_length(target), 0.0)
     return np.asarray(V @ ((U.T @ target) / s))
@@ -35,14 +65,42 @@ def restoration_move(jacobian: ArrayLike, slack: ArrayLike) -> Vector:
 def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers:
     """λ = (J Jᵀ)⁻¹ J Δ, the least-norm one (on unit rows) if rows depend; ≤ 0 at a constrained optimum.
 
-    (m, n), (n,) → (m,). The multiplier of the inequality Jd ≥ 0 is −λ. Source: eq. 7.
+    The multiplier of the inequality Jd ≥ 0 is −λ. Source: eq. 7.
+
+    Parameters
+    ----------
+    jacobian : J, (m, n); rows may depend or be zero
+    gradient : Δ, (n,)
+
+    Returns
+    -------
+    λ, (m,), in the unit of Δ by that of J's rows; 0 for a zero row
+
+    Raises
+    ------
+    ValueError
+        An array that is not finite, or of another shape.
     """
     rows, (U, s, V), g = _factors_beside(jacobian, "gradient", gradient, 1)
     return np.where(rows.largest > 0, rows.per_length(U @ ((V.T @ g) / s)), 0.0)
 
 
 def projection_matrix(jacobian: ArrayLike) -> np.ndarray:
-    """P = I − N (NᵀN)⁻¹ Nᵀ with N = Jᵀ, (n, n): symmetric, idempotent, JP = 0. Source: eq. 9."""
+    """P = I − N (NᵀN)⁻¹ Nᵀ with N = Jᵀ: symmetric, idempotent, JP = 0. Source: eq. 9.
+
+    Parameters
+    ----------
+    jacobian : J, (m, n); rows may depend or be zero
+
+    Returns
+    -------
+    P, (n, n), without a unit
+
+    Raises
+    ------
+    ValueError
+        J is not finite, or no matrix.
+    """
     _, _, V = _factors(unit_rows(finite_array("jacobian", jacobian, 2)))
     return np.asarray(np.eye(len(V)) - V @ V.T)
 
