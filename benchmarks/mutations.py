@@ -257,7 +257,8 @@ def run(root: Path, drawn: Sequence[Mutation], seconds: float, processes: int = 
 
 def has_kernels(path: Path) -> bool:
     """Whether code of it may be compiled, and then cached beside files that call it."""
-    return any(word in path.read_text(encoding="utf-8") for word in ("kernel", "njit", "compiled(", "CompiledLate"))
+    text = path.read_text(encoding="utf-8")
+    return any(word in text for word in ("kernel", "njit", "compile_function(", "CompiledLate"))
 
 
 def time_tests(place: Path, file: str, interpreted: bool, seconds: float) -> dict[str, float]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 
-def compiled(signature: str, function: FunctionType, **options: bool) -> Any:
+def compile_function(signature: str, function: FunctionType, **options: bool) -> Any:
     """numba's function for the signature; division by zero gives an infinity or NaN.
 
     Warns, and compiles for this process alone, where numba can keep no cache. Under NUMBA_DISABLE_JIT the function
@@ -57,7 +57,7 @@ class CompiledLate:
     @cached_property
     def machine_code(self) -> Any:
         """The compiled function itself."""
-        return compiled(self.signature, self.function)
+        return compile_function(self.signature, self.function)
 
     def __call__(self, *arguments: Any) -> Any:
         """As the function."""

@@ -7,7 +7,7 @@ from typing import Any
 import numba
 
 import cpgrl_opt
-from cpgrl_opt.machine_code import compiled
+from cpgrl_opt.machine_code import compile_function
 from envs import interface
 from envs.interface.kernel_cache import forget_outdated_kernels
 
@@ -17,7 +17,7 @@ helper = numba.njit(nogil=True, error_model="numpy")
 
 def kernel(signature: str, **options: Any) -> Callable[[Any], Any]:
     """Compiled, or loaded from the disk cache, as its module is imported."""
-    return lambda function: compiled(signature, function, **options)
+    return lambda function: compile_function(signature, function, **options)
 
 
 _HERE = Path(__file__).parent

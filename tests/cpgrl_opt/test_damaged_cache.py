@@ -5,7 +5,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from cpgrl_opt.machine_code import compiled
+from cpgrl_opt.machine_code import compile_function
 
 SOURCE = "def twice(x):\n    return 2.0 * x\n"
 
@@ -14,7 +14,7 @@ def answer(folder: Path) -> float:
     """As a new process would: another function of the same source, which finds what is in the cache."""
     names: dict[str, object] = {}
     exec(compile(SOURCE, str(folder / "work.py"), "exec"), names)
-    return compiled("f8(f8)", names["twice"])(21.0)  # type: ignore[arg-type, no-any-return]
+    return compile_function("f8(f8)", names["twice"])(21.0)  # type: ignore[arg-type, no-any-return]
 
 
 def cached(folder: Path) -> dict[str, bytes]:

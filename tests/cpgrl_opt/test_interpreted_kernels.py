@@ -9,7 +9,7 @@ import pytest
 
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem
 from cpgrl_opt.comparison.families import FAMILIES
-from cpgrl_opt.machine_code import compiled
+from cpgrl_opt.machine_code import compile_function
 from cpgrl_opt.solvers.compiled._direct import project_directly
 from cpgrl_opt.solvers.compiled._entry_point import EntryPoint, entry_point, work
 from cpgrl_opt.solvers.compiled._projection import project_stacked
@@ -74,4 +74,4 @@ def test_without_a_folder_for_the_cache_kernels_are_compiled_with_a_warning(
     namespace: dict[str, Any] = {}
     exec(compile(source.read_text(), str(source), "exec"), namespace)
     with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
-        assert compiled("f8(f8)", namespace["doubled"])(2.0) == 4.0
+        assert compile_function("f8(f8)", namespace["doubled"])(2.0) == 4.0

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...machine_code import CompiledLate, compiled
+from ...machine_code import CompiledLate, compile_function
 
 # numba's signatures: an array that is read, of a type and a number of axes; and g, J, b and E of an entry point.
 READ = "Array({}, {}, 'C', readonly=True)"
@@ -67,7 +67,7 @@ class EntryPoint(CompiledLate):
     def machine_code(self) -> Any:
         """Compiled for the signature, or loaded from numba's disk cache; all calls go there from then on."""
         self.calls_to_interpret = 0
-        self.run = compiled(self.signature, _twin(self.function), no_cfunc_wrapper=True)
+        self.run = compile_function(self.signature, _twin(self.function), no_cfunc_wrapper=True)
         return self.run
 
     def __call__(self, *arguments: Any) -> Any:
