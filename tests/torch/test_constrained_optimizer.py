@@ -1,5 +1,6 @@
 """`ConstrainedOptimizer`: after any optimiser's step slack + J·Δθ is what the formulation demands, to first order."""
 
+import weakref
 from copy import deepcopy
 from functools import partial
 from typing import Any
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
+
+from torch.utils._python_dispatch import TorchDispatchMode  # noqa: E402
 
 from cpgrl_opt import (  # noqa: E402
     ConstrainedStep,
@@ -391,3 +394,35 @@ def test_what_only_a_constraint_reaches_has_the_rates_metric(name: str) -> None:
     (p - 3.0).square().sum().backward()
     optimizer.step()
     assert abs(float(q.detach())) < 1e-4
+
+
+class Watch(TorchDispatchMode):  # type: ignore[misc]
+    """The most numbers that gradients, and products made of them, hold at a time."""
+
+    def __init__(self, gradients: list[Any]) -> None:
+        super().__init__()
+        self.known, self.most = [*map(weakref.ref, gradients)], 0
+
+    def __torch_dispatch__(self, function: Any, types: Any, arguments: Any = (), settings: Any = None) -> Any:
+        made = function(*arguments, **(settings or {}))
+        if function is torch.ops.aten.mul.Tensor:
+            self.known.append(weakref.ref(made))
+        self.known = [each for each in self.known if each() is not None]
+        self.most = max(self.most, sum({id(each()): each().numel() for each in self.known}.values()))
+        return made
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_there_is_never_a_second_matrix_beside_the_gradients(batched: bool) -> None:
+    count, pieces, m = 1 << 16, 6, 4
+    parameters = [torch.nn.Parameter(torch.ones(count)) for _ in range(pieces)]
+    optimizer = ConstrainedOptimizer(torch.optim.SGD(parameters, lr=0.1), FORMULATIONS["cone"], metric=torch.ones_like)
+    costs = torch.stack([sum((k + each.square()).mean() for each in parameters) for k in range(m)])
+    optimizer.constrain(costs, thresholds=m * [0.0], batched=batched)
+    sum(each.mean() for each in parameters).backward()
+    parts = [part for row in optimizer._asked.gradients for part in row.values()]
+    watch = Watch([part._base if batched else part for part in parts])
+    del parts
+    with watch:
+        optimizer.step()
+    assert m * pieces * count <= watch.most <= m * (pieces + 1) * count + count
