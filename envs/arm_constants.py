@@ -8,7 +8,8 @@ from .validation import number_between
 Pair = tuple[float, float]
 
 NONE = "none"  # what is touched when nothing is
-LEAST, MOST = 1e-9, 1e9  # of lengths and times: their squares and quotients neither vanish nor overflow
+# Of lengths and times. Squares of distances and their quotients then stay within 1e±40, far from where float64 ends.
+LEAST, MOST = 1e-9, 1e9
 
 
 def pair_between(name: str, values: Iterable[float], least: float, most: float) -> Pair:
@@ -24,8 +25,19 @@ def pair_between(name: str, values: Iterable[float], least: float, most: float) 
 class ArmObject:
     """Something fixed in the plane that ends the episode when touched.
 
-    name: not empty, not "none"; position: (x, y), m; reward: r³ of the step that touches it.
-    Raises ValueError for other names and for numbers that are not finite.
+    Parameters
+    ----------
+    name
+        Not empty, not "none".
+    position
+        (x, y), m.
+    reward
+        r³ of the step that touches it.
+
+    Raises
+    ------
+    ValueError
+        For other names and for numbers that are not finite.
     """
 
     name: str

@@ -20,9 +20,21 @@ class TwoLinkArmEnv(gymnasium.Env[Float64[np.ndarray, "2"], ArrayLike]):
 
     MO-Gymnasium's conventions: `reward_space` bounds the rewards, `reward_dim` = 3. An action beyond the
     speed limit is clipped. A touch terminates; `arm.max_steps` truncate. info["touched"] is the object's name
-    or "none", info["event"] its number from 1, or 0. Constants of the arm come as an `arm` or by name:
-    `gymnasium.make("cpgrl/TwoLinkArm-v0", touch_radius=0.1)`. `reset(seed=…)` fixes all that follows.
-    `step` raises ValueError for NaN or a wrong shape, `ResetNeeded` before a reset and after the end.
+    or "none", info["event"] its number from 1, or 0. `reset(seed=…)` fixes all that follows.
+
+    Parameters
+    ----------
+    arm, constants
+        The arm, or its constants by name: `gymnasium.make("cpgrl/TwoLinkArm-v0", touch_radius=0.1)`.
+    render_mode
+        None, or "rgb_array" for `render`.
+
+    Raises
+    ------
+    ValueError
+        For both an arm and constants, and for another mode; in `step`, for NaN or a wrong shape.
+    ResetNeeded
+        In `step`, before a reset and after the end.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  real time at dt = 0.05 s

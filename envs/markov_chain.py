@@ -11,7 +11,11 @@ def recurrent_states(chain: Chain) -> Bool[np.ndarray, "*runs states"]:
     j is recurrent ⇔ i → j for all i, provided that there is such a j; there is one exactly when the chain has
     one recurrent class, since from inside one class no other can be reached. Decided on the graph of the
     positive probabilities, so no rounding enters. Transient states and periods are fine.
-    Raises ValueError for a chain with more than one recurrent class.
+
+    Raises
+    ------
+    ValueError
+        For a chain with more than one recurrent class.
     """
     states = chain.shape[-1]
     reaches: Bool[np.ndarray, "*runs states states"] = np.logical_or(chain > 0, np.eye(states))
@@ -30,8 +34,15 @@ def recurrent_states(chain: Chain) -> Bool[np.ndarray, "*runs states"]:
 def require_one_class(transitions: Bool[np.ndarray, "states actions states"], start: int) -> None:
     """ValueError where a policy that takes every action can be caught in more than one recurrent class from `start`.
 
-    transitions: whether s′ may follow (s, a). What `start` does not lead to does not matter: those states are taken
-    to lead to it. For all policies that take every action the answer is the same.
+    What `start` does not lead to does not matter: those states are taken to lead to it. For all policies that take
+    every action the answer is the same.
+
+    Parameters
+    ----------
+    transitions
+        (states, actions, states), whether s′ may follow (s, a).
+    start
+        First state of an episode.
     """
     moves = np.asarray(transitions.any(axis=1))
     begun = np.arange(len(moves)) == start
@@ -47,8 +58,15 @@ def stationary_distribution(chain: Chain) -> StateDistribution:
     States are cut out one by one, the last first: P′ᵢⱼ = Pᵢⱼ + Pᵢₙ Pₙⱼ / Σ_{k<n} Pₙₖ is the chain watched on
     {0 … n−1} only. On the way back state n gets the share a/(a + s), a its inflow Σ_{i<n} πᵢPᵢₙ and
     s = Σ_{k<n} Pₙₖ. There is no subtraction anywhere, so no cancellation, however nearly the chain
-    decomposes. Transient states get exactly 0. Raises ValueError for a chain with more than one recurrent
-    class.
+    decomposes. Transient states get exactly 0.
+
+    Raises
+    ------
+    ValueError
+        For a chain with more than one recurrent class, and for one whose least paths underflow.
+
+    Notes
+    -----
     Source: Grassmann, Taksar & Heyman (1985), Operations Research 33(5).
     """
     states = chain.shape[-1]

@@ -14,7 +14,7 @@ from .arrays import ChannelValues, Float64, Occupancy, Rewards, Thresholds, Tran
 
 # The tightest that HiGHS takes; on rewards scaled to [−1, 1].
 _TOLERANCE = 1e-10
-# A threshold that is missed by less counts as met, on the same scale.
+# A threshold that is missed by less counts as met, on the same scale: twice the tolerance of HiGHS.
 _MET = 2e-10
 _INFEASIBLE = 2  # linprog's status
 # HiGHS refuses huge coefficients. Violations below this part of the widest channel's range come out too large.
@@ -25,7 +25,18 @@ def best_occupancy(transitions: Transitions, rewards: Rewards, thresholds: Thres
     """Optimal μ and the multipliers λᵢ = −∂ρ¹/∂Gⁱ ≥ 0 of the constraints.
 
     Rewards are shifted and scaled to [−1, 1] first, so their units do not matter.
-    Raises ValueError, with the least violation, if no policy meets the thresholds.
+
+    Returns
+    -------
+    tuple of arrays
+        μ, (states, actions), and λ, (m,).
+
+    Raises
+    ------
+    ValueError
+        With the least violation, if no policy meets the thresholds.
+    RuntimeError
+        If HiGHS fails.
     """
     scaled, middle, half = _scale(rewards)
     bounds = _scale_bounds(thresholds, middle, half)

@@ -38,9 +38,16 @@ _VISITED = 1e-12
 class ConstrainedOptimum:
     """The best average reward under thresholds, and how it is reached.
 
-    values: (1 + m,), average rewards of `policy`; policy: (states, actions), uniform in states that it never
-    visits; occupancy: (states, actions), share of time spent in s doing a; multipliers: (m,), ≥ 0,
-    λᵢ = −∂ρ¹/∂Gⁱ where that derivative exists, one of the subgradients elsewhere.
+    Parameters
+    ----------
+    values
+        (1 + m,), average rewards of `policy`, per step.
+    policy
+        (states, actions), uniform in states that it never visits.
+    occupancy
+        (states, actions), share of time spent in s doing a.
+    multipliers
+        (m,), ≥ 0, λᵢ = −∂ρ¹/∂Gⁱ where that derivative exists, one of the subgradients elsewhere.
     """
 
     values: ChannelValues
@@ -110,8 +117,12 @@ class TabularMDP:
     def stationary_distribution(self, policy: ArrayLike) -> StateDistribution:
         """The d with dP = d, Σd = 1: the share of time spent in each state, whatever the start.
 
-        Transient states and periodic chains are fine. Raises ValueError for a policy whose chain has more
-        than one recurrent class: its shares depend on the start.
+        Transient states and periodic chains are fine.
+
+        Raises
+        ------
+        ValueError
+            For a policy whose chain has more than one recurrent class: its shares depend on the start.
         """
         return stationary_distribution(self.chain(policy))
 
@@ -142,7 +153,26 @@ class TabularMDP:
             V = Σₖ βᵏ Pᵏ (r_π − ρ) = (I − βP + 1dᵀ)⁻¹ (r_π − ρ)
 
         The term 1dᵀ changes nothing, as d(r_π − ρ) = 0, and keeps the matrix regular up to β = 1, where both
-        conventions are the exact gradient. trace_decay: in [0, 1]. Raises as `stationary_distribution`.
+        conventions are the exact gradient.
+
+        Parameters
+        ----------
+        policy
+            (…, states, actions).
+        trace_decay
+            β, in [0, 1].
+        convention
+            "paper" or "usual".
+
+        Returns
+        -------
+        array
+            (…, 1 + m, states, actions).
+
+        Raises
+        ------
+        ValueError
+            For another β or convention, and as `stationary_distribution`.
         """
         decay = number_between("trace_decay", trace_decay, 0.0, 1.0)
         if convention not in ("paper", "usual"):
@@ -217,6 +247,11 @@ def random_mdp(rng: np.random.Generator, states: int, actions: int, channels: in
     """An ergodic MDP: each T(s, a, ·) uniform on the simplex, rewards standard normal; channels = 1 + m.
 
     All probabilities are positive, so every policy's chain is irreducible and aperiodic.
+
+    Raises
+    ------
+    ValueError
+        For what is no generator, and for numbers that are no integers ≥ 1.
     """
     if not isinstance(rng, np.random.Generator):
         raise ValueError(f"rng should be a numpy.random.Generator; found {rng!r}")

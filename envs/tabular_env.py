@@ -17,7 +17,20 @@ class TabularEnv(gymnasium.Env[np.int64, np.int64]):
 
     MO-Gymnasium's conventions: `reward_space` bounds the rewards, `reward_dim` = 1 + m. An episode never ends
     by itself; `gymnasium.make` or `TimeLimit` cuts it off. `reset(seed=…)` fixes all that follows.
-    `step` raises ValueError for an action that is none, `ResetNeeded` before the first reset.
+
+    Parameters
+    ----------
+    mdp
+        Without a step of its own.
+    render_mode
+        None, or "rgb_array" for `render`.
+
+    Raises
+    ------
+    ValueError
+        For another MDP or mode; in `step`, for an action that is none.
+    ResetNeeded
+        In `step` and `render`, before the first reset.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's own form

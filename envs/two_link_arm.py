@@ -40,8 +40,32 @@ class TwoLinkArm:
 
     The state is φ, rad; the action u, rad/s. Stops are `box` widened on each side by `stop_margin` of its
     width. An episode starts uniformly in `box` where nothing is touched, and lasts `max_steps` at most.
-    Raises ValueError for constants that make no such arm. The paper gives `box`, `max_steps` and the rewards'
-    form (§4.1), docs/reproduction.md §3 the rest.
+
+    Parameters
+    ----------
+    link_lengths
+        (l₁, l₂), m, as `touch_radius`, within which an object counts as touched, and `reward_width`.
+    dt
+        s, of a step.
+    max_speed
+        rad/s, of each joint.
+    box
+        ((least φ₁, greatest φ₁), (least φ₂, greatest φ₂)), rad.
+    stop_margin
+        Part of the box's width.
+    objects
+        One `ArmObject` or more, whose names differ.
+    max_steps
+        Time limit.
+
+    Raises
+    ------
+    ValueError
+        For constants that make no such arm.
+
+    Notes
+    -----
+    The paper gives `box`, `max_steps` and the rewards' form (§4.1), docs/reproduction.md §3 the rest.
     """
 
     link_lengths: Pair = (1.0, 1.0)  # m
@@ -113,7 +137,17 @@ class TwoLinkArm:
     ) -> Float64[np.ndarray, "lines lines 2"]:
         """p(φ), m, on a grid of angles: axis 0 is φ₁, axis 1 φ₂, edges included: the mesh of Fig. 6 (a).
 
-        within: all that the stops allow, or the box where r² = 0. lines: ≥ 2 along each axis.
+        Parameters
+        ----------
+        lines
+            ≥ 2 along each axis.
+        within
+            All that the stops allow, or the box where r² = 0.
+
+        Raises
+        ------
+        ValueError
+            For fewer lines and another `within`.
         """
         if positive_integer("lines", lines) < 2:
             raise ValueError(f"lines should be an integer ≥ 2; found {lines}")

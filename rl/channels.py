@@ -26,10 +26,15 @@ def find_declaration(environment: Any, name: str) -> Any:
 
 
 def reward_channels(environment: Any) -> int:
-    """1 + m of a Gymnasium environment with a vector reward; ValueError for anything else.
+    """1 + m of a Gymnasium environment with a vector reward.
 
     Read from `reward_channels` (envs.interface) or the shape of `reward_space` (MO-Gymnasium) of the outermost layer
     that has one of them: a wrapper that makes channels, of a cost in `info` say, or leaves some out declares its own.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
     """
     if not (callable(getattr(environment, "reset", None)) and callable(getattr(environment, "step", None))):
         raise ValueError(

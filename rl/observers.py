@@ -38,8 +38,12 @@ def watch(records: Iterable[TrainingRecord], *observers: RecordObserver) -> Iter
     """The same records; each observer sees every one before it comes out.
 
     An observer that raises, on a full disk say, is left out from then on, and an ObserverWarning says which and why:
-    a training is worth more than its log. Nothing that an observer does changes a number. Raises ValueError for
-    what is no observer.
+    a training is worth more than its log. Nothing that an observer does changes a number.
+
+    Raises
+    ------
+    ValueError
+        For what is no observer.
     """
     for observer in observers:
         if not isinstance(observer, RecordObserver):
@@ -78,8 +82,11 @@ def _warn(observer: RecordObserver, when: str, error: Exception) -> None:
 def quantities(record: TrainingRecord) -> dict[str, Float[np.ndarray, "B"]]:
     """What logs hold of each run, by name.
 
-    value_i: ρ of channel i as the estimator carries it; reward_i: its sum over the episode; gradient_i: ‖Δⁱ‖; steps: of
-    the environment; change: ‖θ' − θ‖; then the learner's counts.
+    Returns
+    -------
+    dict of arrays, (B,)
+        value_i, ρ of channel i as the estimator carries it; reward_i, its sum over the episode; gradient_i, ‖Δⁱ‖;
+        steps, of the environment; change, ‖θ' − θ‖; then the learner's counts.
     """
     estimate, update = record.estimate, record.update
     by_channel = {
@@ -96,7 +103,19 @@ def quantities(record: TrainingRecord) -> dict[str, Float[np.ndarray, "B"]]:
 class CsvLog:
     """A CSV file with a row for each run and every so many episodes: run, episode, then `quantities`.
 
-    Each record is on the disk when the training goes on. An existing file is replaced.
+    Each record is on the disk when the training goes on.
+
+    Parameters
+    ----------
+    path
+        An existing file is replaced.
+    every
+        Episodes, ≥ 1.
+
+    Raises
+    ------
+    ValueError
+        For another `every`.
     """
 
     def __init__(self, path: Path | str, every: int = 1) -> None:
@@ -128,7 +147,19 @@ class CsvLog:
 class TensorBoardLog:
     """Event files for TensorBoard: means of `quantities` over the runs, every so many episodes.
 
-    Raises ImportError that says what to type where tensorboardX is not installed.
+    Parameters
+    ----------
+    folder
+        Where the event files go.
+    every
+        Episodes, ≥ 1.
+
+    Raises
+    ------
+    ValueError
+        For another `every`.
+    ImportError
+        Which says what to type where tensorboardX is not installed.
     """
 
     def __init__(self, folder: Path | str, every: int = 1) -> None:
@@ -153,7 +184,15 @@ class TensorBoardLog:
 
 
 class ProgressBars:
-    """Bars on stderr, one for each label; a context. Silent where stderr is no terminal, gone afterwards."""
+    """Bars on stderr, one for each label; a context. Silent where stderr is no terminal, gone afterwards.
+
+    Parameters
+    ----------
+    totals
+        By label, how far its bar goes.
+    waiting
+        What a bar says before it moves.
+    """
 
     def __init__(self, totals: Mapping[str, int], waiting: str = "waiting or compiling") -> None:
         from rich.console import Console

@@ -21,11 +21,30 @@ def map_runs(
 ) -> list[T]:
     """task(runs) of consecutive shares of the runs, one share for each process; results in the order of the runs.
 
-    task: usually drains `train(..., runs=share)` and returns arrays with a row for each run; since a run does not
-    depend on those beside it, joining the results gives the same numbers for any `processes`. With processes = 1 it
-    runs here; otherwise in worker processes (joblib), for which it is pickled, and which end when this process does,
-    killed or not; `threads`: in threads instead, which share a core but for what the compiled kernels do. An exception
-    of a task is raised here.
+    Since a run does not depend on those beside it, joining the results gives the same numbers for any `processes`.
+
+    Parameters
+    ----------
+    task
+        Usually drains `train(..., runs=share)` and returns arrays with a row for each run. An exception of it is
+        raised here.
+    runs
+        How many, or which.
+    processes
+        With 1 the task runs here; otherwise in worker processes (joblib), for which it is pickled, and which end when
+        this process does, killed or not.
+    threads
+        In threads instead, which share a core but for what the compiled kernels do.
+
+    Returns
+    -------
+    list
+        What the task returned for each share.
+
+    Raises
+    ------
+    ValueError
+        For numbers below 1 and runs that are none.
     """
     require_count("processes", processes)
     indices = run_indices(runs)

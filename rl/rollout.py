@@ -41,8 +41,20 @@ class PolicyError(RolloutError):
 class Step:
     """x_t, u_t, r_t, the event, x_{t+1} and ψ_t.
 
-    reward: (1 + m,), what (x_t, u_t) yields; event: the one that ended the episode, 0 for none. All are copies of what
-    environment and policy handed out: neither can change them later.
+    All are copies of what environment and policy handed out: neither can change them later.
+
+    Parameters
+    ----------
+    observation, action
+        x_t and u_t, as drawn.
+    reward
+        (1 + m,), what (x_t, u_t) yields.
+    event
+        The one that ended the episode, 0 for none.
+    following
+        x_{t+1}.
+    score
+        ψ_t, (n,).
     """
 
     observation: Any
@@ -63,8 +75,19 @@ def episode(
     The environment gets its own copy of each action, in the dtype of its `action_space`; ψ is of the action as drawn.
     An action outside the space's bounds goes over as it is: clip it behind the policy, by `ClipAction` of
     gymnasium.wrappers or in the environment itself.
-    Raises RolloutError, a ValueError, for rewards, observations and actions that are NaN or infinite, rewards of
-    another shape, and answers of `reset` and `step` that are not Gymnasium's. run: for its message.
+
+    Parameters
+    ----------
+    limit
+        Steps, ≥ 1.
+    run
+        For the message of an error.
+
+    Raises
+    ------
+    RolloutError
+        A ValueError: for rewards, observations and actions that are NaN or infinite, rewards of another shape, and
+        answers of `reset` and `step` that are not Gymnasium's.
     """
     channels, key = reward_channels(environment), event_key(environment)
     space = getattr(environment, "action_space", None)

@@ -36,7 +36,19 @@ Initial = Callable[[np.random.Generator], Vector]
 class TrainingRecord:
     """B runs after an episode and the update that followed it.
 
-    episode: from 1; parameters: (B, n), θ *after* the update; estimate: at the θ before it; update: the change.
+    Parameters
+    ----------
+    episode
+        From 1.
+    parameters
+        (B, n), θ *after* the update.
+    estimate
+        At the θ before it.
+    update
+        The change.
+
+    Notes
+    -----
     The arrays are made anew each episode and never written again: keep them without copying, do not write to them. A
     record itself may hold on to the episodes beside it, a few megabytes.
     """
@@ -155,18 +167,27 @@ class Training:
     def save(self, path: Path | str) -> None:
         """Writes what is needed to go on after the last record; the file is there whole, or not at all.
 
-        It is a zip file of JSON and arrays, as `numpy.load` reads; nothing is pickled. Raises ValueError where an
-        error has ended an episode halfway, for a learner's memory that is more than numbers, strings and arrays of
-        them in lists, tuples and dicts, and for an estimation that does not say what it carries (`Estimation`).
+        It is a zip file of JSON and arrays, as `numpy.load` reads; nothing is pickled.
+
+        Raises
+        ------
+        ValueError
+            Where an error has ended an episode halfway, for a learner's memory that is more than numbers, strings and
+            arrays of them in lists, tuples and dicts, and for an estimation that does not say what it carries
+            (`Estimation`).
         """
         write_state(path, _KIND, self.state())
 
     def load(self, path: Path | str) -> None:
         """Goes on from a file of `save`: the same records, bit for bit, as those that followed it.
 
-        Raises ValueError, with the reason, for a file that is damaged or of another format, and where environment,
-        policy, estimator, learner, runs or seed are not those that it was made with; this training stays as it was.
         `episodes`, `observe`, `stop_when_stationary` and `max_change` may be others.
+
+        Raises
+        ------
+        ValueError
+            With the reason, for a file that is damaged or of another format, and where environment, policy, estimator,
+            learner, runs or seed are not those that it was made with; this training stays as it was.
         """
         try:
             self.restore(read_state(path, _KIND))
@@ -279,16 +300,44 @@ def train(
 ) -> Iterator[TrainingRecord]:
     """while k < N_K: estimate ρ and Δ over an episode; update θ (§2.1). One record per episode.
 
-    episodes: N_K; runs: how many, or which: run i of a seed is the same, bit for bit, whatever else runs beside it.
-    initial: draws a run's first θ, (n,), from the run's own stream; the policy's θ for every run if not given.
-    observe: sees every direction problem of the learner with its answer.
-    stop_when_stationary: end after the update in which every run was stationary (the paper's termination).
-    max_change: the most by which an update may move a component of θ, in its unit. A diverging update need not reach
-    infinity: on the arm the paper's own throws θ so far that the policy never acts otherwise again.
     Compiled episodes that nobody observes are simulated some milliseconds ahead of their records.
     `Training` takes the same and can be saved between two records.
-    Raises ValueError for bad input at once; RolloutError, a ValueError, for an environment's NaN or infinity, with the
-    step, episode and run; DivergenceError when an estimate, an action or θ is not finite or θ moves further.
+
+    Parameters
+    ----------
+    environment
+        A Gymnasium environment with vector rewards, or what hands kernels over (`envs.interface`).
+    policy, estimator, learner
+        What acts, what estimates ρ and Δ over an episode, what makes an update of them.
+    episodes
+        N_K.
+    runs
+        How many, or which: run i of a seed is the same, bit for bit, whatever else runs beside it.
+    seed
+        Of all random streams.
+    initial
+        Draws a run's first θ, (n,), from the run's own stream; the policy's θ for every run if not given.
+    observe
+        Sees every direction problem of the learner with its answer.
+    stop_when_stationary
+        End after the update in which every run was stationary (the paper's termination).
+    max_change
+        The most by which an update may move a component of θ, in its unit. A diverging update need not reach infinity:
+        on the arm the paper's own throws θ so far that the policy never acts otherwise again.
+
+    Returns
+    -------
+    iterator of TrainingRecord
+        One record per episode.
+
+    Raises
+    ------
+    ValueError
+        For bad input at once.
+    RolloutError
+        A ValueError: for an environment's NaN or infinity, with the step, episode and run.
+    DivergenceError
+        When an estimate, an action or θ is not finite or θ moves further than `max_change`.
     """
     return iter(
         Training(
@@ -329,7 +378,18 @@ def _compiled_learning(
 
 
 def uniform_parameters(n: int, low: float = 0.0, high: float = 1.0) -> Initial:
-    """θ₀ ~ U[low, high]ⁿ; the paper's §3.1 has U[0, 1]⁹."""
+    """θ₀ ~ U[low, high]ⁿ; the paper's §3.1 has U[0, 1]⁹.
+
+    Returns
+    -------
+    function
+        Of a random generator, as `train` takes it for `initial`.
+
+    Raises
+    ------
+    ValueError
+        For n < 1 and bounds that are not finite, low ≤ high.
+    """
     require_count("n", n)
     if not (is_number(low) and is_number(high) and -np.inf < low <= high < np.inf):
         raise ValueError(f"low and high should be finite, low ≤ high; found {low!r}, {high!r}")

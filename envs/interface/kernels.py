@@ -22,11 +22,23 @@ STEP_SIGNATURE = "int64(float64[::1], float64[::1], float64[::1], uint64[::1], f
 class FiniteKernel:
     """A finite MDP for compiled code.
 
-    transition_cumulative: (S, A, S), C(s, a, j) = Pr(s′ ≤ j | s, a), non-decreasing, exactly 1 from the last
-    possible successor on; the next state is the first j with u < C(s, a, j), u uniform on [0, 1). rewards: (1
-    + m, S, A). start: first state of an episode. The arrays are C-contiguous and *writeable* copies: a kernel
-    compiled for `float64[:, :, ::1]` refuses read-only ones. Raises ValueError for arrays that do not fit
-    this.
+    The arrays are C-contiguous and *writeable* copies: a kernel compiled for `float64[:, :, ::1]` refuses read-only
+    ones.
+
+    Parameters
+    ----------
+    transition_cumulative
+        (S, A, S), C(s, a, j) = Pr(s′ ≤ j | s, a), non-decreasing, exactly 1 from the last possible successor on; the
+        next state is the first j with u < C(s, a, j), u uniform on [0, 1).
+    rewards
+        (1 + m, S, A).
+    start
+        First state of an episode.
+
+    Raises
+    ------
+    ValueError
+        For arrays that do not fit this.
     """
 
     transition_cumulative: Float64[np.ndarray, "states actions states"]
@@ -63,10 +75,23 @@ class FiniteKernel:
 class ContinuousKernels:
     """An environment with real vectors as states and actions, for compiled code.
 
-    state_size, action_size, reward_channels: lengths of the vectors; constants: (k,), handed to both kernels
-    at every call; reset, step: numba functions compiled for `RESET_SIGNATURE` and `STEP_SIGNATURE`;
-    max_steps: an episode ends after so many (a time-out, no event); events: name of event k at events[k − 1].
-    Raises ValueError for sizes below 1, constants that are not finite, kernels with other signatures.
+    Parameters
+    ----------
+    state_size, action_size, reward_channels
+        Lengths of the vectors.
+    constants
+        (k,), handed to both kernels at every call.
+    reset, step
+        numba functions compiled for `RESET_SIGNATURE` and `STEP_SIGNATURE`.
+    max_steps
+        An episode ends after so many: a time-out, no event.
+    events
+        Name of event k at events[k − 1].
+
+    Raises
+    ------
+    ValueError
+        For sizes below 1, constants that are not finite, kernels with other signatures.
     """
 
     state_size: int
@@ -90,7 +115,13 @@ class ContinuousKernels:
 
 
 def function_type(signature: str) -> Any:
-    """The numba type of a function compiled for `signature`, as an argument of another compiled function."""
+    """The numba type of a function compiled for `signature`, as an argument of another compiled function.
+
+    Raises
+    ------
+    ValueError
+        For what is no signature of numba's.
+    """
     from numba import types
     from numba.core import sigutils
 
@@ -105,6 +136,11 @@ def random_state(seed: np.random.SeedSequence) -> UInt64[np.ndarray, "4"]:
     """State of the generator inside kernels, xoshiro256++ (`random_stream`): four words of `seed`.
 
     One per run, from `SeedSequence.spawn`; every kernel of a run advances it in place.
+
+    Raises
+    ------
+    ValueError
+        For what is no SeedSequence.
     """
     if not isinstance(seed, np.random.SeedSequence):
         raise ValueError(f"seed should be a numpy.random.SeedSequence; found {seed!r}")

@@ -20,7 +20,12 @@ class ContinuousDriver:
     """B runs of a `NormalizedGaussianNetwork` on `ContinuousKernels`.
 
     A run's episodes draw from its random state alone: the reset, then for each step the action and the step, as the
-    kernels take them. Raises ValueError when the policy's state or action does not fit the kernels.
+    kernels take them.
+
+    Raises
+    ------
+    ValueError
+        When the policy's state or action does not fit the kernels.
     """
 
     carried = ("random_states",)

@@ -21,7 +21,13 @@ WORD = 2.0**32
 
 
 class FiniteDriver:
-    """B runs of a `SoftmaxTable` on a `FiniteKernel`. Raises ValueError when the table does not fit the kernel."""
+    """B runs of a `SoftmaxTable` on a `FiniteKernel`.
+
+    Raises
+    ------
+    ValueError
+        When the table does not fit the kernel.
+    """
 
     carried = ("random_states",)
 

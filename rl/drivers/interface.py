@@ -27,9 +27,20 @@ class Score(NamedTuple):
 class Course(NamedTuple):
     """One run's episode under way, as a rule sees it. A rule writes to the last four.
 
-    constants: the rule's numbers; average: (1 + m,), ρ per step, this step's reward included; channels: (k, 1 + m) and
-    vectors: (k, n), as the rule says how many, begin anew with each episode, channels at the rule's, vectors at 0;
-    memory: (k, n), goes on from episode to episode; gradients: (1 + m, n), Σ over the steps of what enters Δ, from 0.
+    Parameters
+    ----------
+    constants
+        (k,), the rule's numbers.
+    average
+        (1 + m,), ρ per step, this step's reward included.
+    channels
+        (k, 1 + m), as the rule says how many; they begin anew with each episode, at the rule's.
+    vectors
+        (k, n), as the rule says how many; they begin anew with each episode, at 0.
+    memory
+        (k, n), goes on from episode to episode.
+    gradients
+        (1 + m, n), Σ over the steps of what enters Δ, from 0.
     """
 
     constants: Float[np.ndarray, "k"]
@@ -43,8 +54,15 @@ class Course(NamedTuple):
 class RuleStep(Protocol):
     """What a rule does at step t, from 0.
 
-    score, following: ψ_t and ψ_{t+1}, which is 0 after an event that ends the episode, and, for a rule that does not
-    look ahead, after the last step; reward: (1 + m,), what (x_t, u_t) yields; last: whether the episode ends here.
+    Parameters
+    ----------
+    score, following
+        ψ_t and ψ_{t+1}, which is 0 after an event that ends the episode, and, for a rule that does not look ahead,
+        after the last step.
+    reward
+        (1 + m,), what (x_t, u_t) yields.
+    last
+        Whether the episode ends here.
     """
 
     def __call__(

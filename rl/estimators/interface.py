@@ -16,10 +16,22 @@ from ..policies import Policy
 class Estimate:
     """ρⁱ and Δⁱ of B runs after an episode each, and what the episodes were like. Fresh arrays every time.
 
-    values: (B, 1 + m), ρ per step or per episode, as the estimator's settings say; gradients: (B, 1 + m, n), theirs;
-    steps: (B,), environment steps taken; rewards: (B, 1 + m), each channel's sum over the episode; events: (B,), how
-    the episode ended as the environment counts it, 0 at its time limit. An estimator that does not sample has zeros in
-    the last three.
+    Parameters
+    ----------
+    values
+        (B, 1 + m), ρ per step or per episode, as the estimator's settings say.
+    gradients
+        (B, 1 + m, n), theirs.
+    steps
+        (B,), environment steps taken.
+    rewards
+        (B, 1 + m), each channel's sum over the episode.
+    events
+        (B,), how the episode ended as the environment counts it, 0 at its time limit.
+
+    Notes
+    -----
+    An estimator that does not sample has zeros in the last three.
     """
 
     values: Float[np.ndarray, "B channels"]
@@ -51,7 +63,15 @@ class GradientEstimator(Protocol):
     """Settings of an estimator."""
 
     def start(self, environment: Any, policy: Policy, streams: Sequence[np.random.SeedSequence]) -> Estimation:
-        """B = len(streams) runs, each with its random stream; a run must not depend on the others.
+        """B runs; none must depend on the others.
 
-        Raises ValueError for an environment or a policy that the estimator does not take.
+        Parameters
+        ----------
+        streams
+            The random stream of each run.
+
+        Raises
+        ------
+        ValueError
+            For an environment or a policy that the estimator does not take.
         """

@@ -15,9 +15,18 @@ from cpgrl_opt.step import Observer
 class LearnerUpdate:
     """The change of θ of B runs and what happened on the way.
 
-    change: (B, n); active: (B, m), constraints that the learner attended to; stationary: (B,), nothing is left to
-    improve, as far as the learner can tell; counts: by name, (B,), events of this update; memory: handed back to the
-    learner with the next linearization.
+    Parameters
+    ----------
+    change
+        (B, n), of θ.
+    active
+        (B, m), constraints that the learner attended to.
+    stationary
+        (B,), whether nothing is left to improve, as far as the learner can tell.
+    counts
+        By name, (B,), events of this update.
+    memory
+        Handed back to the learner with the next linearization.
     """
 
     change: Float[np.ndarray, "B n"]

@@ -29,7 +29,17 @@ class EpisodicMDP:
         g_e = 1/E[T],   gⁱ = E[Σ_t rⁱ_t] / E[T]        ⇒    E[Σ_t rⁱ_t] = gⁱ/g_e
 
     which with their exact gradients gives those of every average that an estimator may report.
-    transitions: (S, A, S), where the episode goes on; quits: (S, A); rewards: (1 + m, S, A).
+
+    Parameters
+    ----------
+    transitions
+        (S, A, S), where the episode goes on.
+    quits
+        (S, A), probabilities.
+    rewards
+        (1 + m, S, A).
+    start
+        First state of an episode.
     """
 
     transitions: Float[np.ndarray, "S A S"]
@@ -49,7 +59,19 @@ class EpisodicMDP:
     ) -> tuple[Float[np.ndarray, "channels"], Float[np.ndarray, "channels n"]]:
         """ρⁱ and ∇ρⁱ with respect to the softmax parameters of π: E[Σ rⁱ] where by_episode, else E[Σ rⁱ]/E[T].
 
-        first_step: whether the first step counts in E[Σ rⁱ]/E[T]; if not, it is E[Σ_{t≥1} rⁱ]/E[T − 1].
+        Parameters
+        ----------
+        table
+            π(a|s), (S, A).
+        by_episode
+            (1 + m,).
+        first_step
+            Whether the first step counts in E[Σ rⁱ]/E[T]; if not, it is E[Σ_{t≥1} rⁱ]/E[T − 1].
+
+        Returns
+        -------
+        tuple of arrays
+            (1 + m,) and (1 + m, S·A).
         """
         restarted = self.restarted
         g, slopes = restarted.average_rewards(table), restarted.policy_gradients(table)
