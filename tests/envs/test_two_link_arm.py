@@ -112,13 +112,6 @@ def test_a_touch_includes_its_edge():
     assert move(at((1.0, 1.0)), (0, math.pi / 2))[1].tolist() == [1, 0, 5]  # closeness, joints, prize
 
 
-def test_of_two_objects_within_reach_the_nearer_is_touched():
-    pair = (ArmObject("first", (1.05, 1.0), 2.0), ArmObject("second", (0.96, 1.0), 3.0))
-    for objects, nearer in ((pair, 2), (pair[::-1], 1)):
-        _, reward, event = move(TwoLinkArm(box=WIDE, objects=objects), (0, math.pi / 2))
-        assert (event, reward[2]) == (nearer, 3)
-
-
 def reference(arm, angles, actions):
     """The table of docs/reproduction.md §3 in NumPy, many steps at once."""
     desired = angles + arm.dt * np.clip(actions, -arm.max_speed, arm.max_speed)
@@ -197,18 +190,13 @@ def test_constants_are_the_ones_of_the_paper_and_of_the_table():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: TwoLinkArm(link_lengths=(1.0, 0.0)), r"link_lengths should be a number in \[1e-09, .*found 0.0"),
-        (lambda: TwoLinkArm(max_speed=np.nan), "max_speed should be a number.*found nan"),
         (lambda: TwoLinkArm(box=((1, 0), (0, 1))), r"box should hold \(least, greatest\) angles.*\(1.0, 0.0\)"),
-        (lambda: TwoLinkArm(box=((0, 1),)), "box should be two pairs of angles"),
-        (lambda: TwoLinkArm(objects=["star"]), "objects should be one ArmObject or more"),
         (lambda: TwoLinkArm(objects=FAR * 2), r"objects should have different names; found \['far', 'far'\]"),
         (lambda: TwoLinkArm(touch_radius=4.0), "should be free of objects to start in; found 0.00%"),
         (lambda: ArmObject("none", (0, 0)), "not 'none'; found 'none'"),
         (lambda: ArmObject("it", (0, 0, 0)), "position of it should be a pair of numbers"),
         (lambda: TwoLinkArm().forward_kinematics([1, 2, 3]), r"angles should have shape \(…, 2\)"),
         (lambda: TwoLinkArm().reachable_mesh(1), "lines should be an integer ≥ 2; found 1"),
-        (lambda: TwoLinkArm().reachable_mesh(within="all"), "within should be 'stops' or 'box'; found 'all'"),
     ],
 )
 def test_what_makes_no_arm_is_refused(make, message):

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 
 import pytest
 
@@ -54,19 +53,6 @@ def test_a_request_to_end_waits_too_where_it_raises_and_ends_the_process_where_i
     assert reached == ["the end"]
     with InterruptsHeld():
         assert signal.getsignal(number) == signal.SIG_DFL
-
-
-def test_other_threads_are_let_through():
-    seen = []
-
-    def work():
-        with InterruptsHeld():
-            seen.append(signal.getsignal(signal.SIGINT))
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert seen == [signal.default_int_handler]
 
 
 def test_an_interrupt_that_ends_the_process_by_default_still_does():

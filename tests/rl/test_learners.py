@@ -69,13 +69,7 @@ def test_cpgrl_shows_every_direction_problem_to_the_observer() -> None:
     assert sum(seen) == 8  # a tangent and a restoration problem for each of four runs
 
 
-def test_settings_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ValueError, match="thresholds should be finite"):
-        ConstraintSwitching([0, np.nan, 0])
-    with pytest.raises(ValueError, match="thresholds should be an array of real numbers"):
-        CPGRL(ConstrainedStep(), [None, 0.0, 0.0])
-    with pytest.raises(ValueError, match="step_size should be"):
-        WeightedSum(step_size=-1.0)
+def test_numbers_of_another_length_are_refused() -> None:
     with pytest.raises(ValueError, match="weights should have shape"):
         WeightedSum([1, 1]).update(LINEARIZATION)
     for learner in (ConstraintSwitching([0, 0]), CPGRL(ConstrainedStep(), [0, 0])):

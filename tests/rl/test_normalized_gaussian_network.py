@@ -44,22 +44,15 @@ def test_one_weight_moves_the_mean_most_at_its_centre() -> None:
         assert one.mean([0.0, 5.0])[1 - c] == 0
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
+def test_grids_that_are_none_are_refused() -> None:
+    for wrong, message in (
         ({"low": [0.0]}, r"low should have shape \(2,\)"),
         ({"low": [1.0, 2.0]}, "low < high"),
         ({"counts": (5, 1)}, "counts should be an integer ≥ 2; found 1"),
-        ({"counts": (), "low": [], "high": []}, "counts should hold a number"),
         ({"width": 0.01}, "width should be"),
-    ],
-)
-def test_bad_settings_are_refused(wrong: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        NormalizedGaussianNetwork(**{"low": LOW, "high": HIGH, "counts": (5, 8), "dimensions": 2, **wrong})  # type: ignore[arg-type]
-
-
-# --- compiled ----------------------------------------------------------------------------------------------------
+    ):
+        with pytest.raises(ValueError, match=message):
+            NormalizedGaussianNetwork(**{"low": LOW, "high": HIGH, "counts": (5, 8), "dimensions": 2, **wrong})  # type: ignore[arg-type]
 
 
 def compiled_features(policy: NormalizedGaussianNetwork, state: np.ndarray) -> np.ndarray:

@@ -4,7 +4,6 @@ import pickle
 import re
 from typing import Any
 
-import gymnasium
 import numba
 import numpy as np
 import pytest
@@ -153,14 +152,6 @@ def test_the_score_is_of_the_action_as_drawn_and_nothing_is_clipped() -> None:
     assert (action, action.dtype) == (np.float32(drawn), np.float32)
     assert action > 1
     assert drawn != action  # it was rounded, so the score could not be of both
-
-
-def test_a_wrapper_clips_behind_the_policy() -> None:
-    environment = recording(Box(-1, 1, (1,), np.float32))
-    policy = LinearGaussian(one, 1, 1, parameters=[7.0])
-    _, estimate = estimate_of(gymnasium.wrappers.ClipAction(environment), GPOMDP(steps=5), policy)
-    assert environment.actions == [1.0] * 5
-    assert estimate.steps.tolist() == [5]
 
 
 @pytest.mark.parametrize(

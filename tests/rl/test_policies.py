@@ -66,19 +66,6 @@ def test_many_parameters_give_as_many_tables() -> None:
     np.testing.assert_array_equal(tables[3, 1], TABLE.with_parameters(many[3, 1]).probabilities())
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: SoftmaxTable(0, 3), "states should be an integer ≥ 1; found 0"),
-        (lambda: LinearSoftmax(features, 4, -2), "actions should be an integer"),
-        (lambda: LinearGaussian(features, 4, 3, deviation=0.0), "deviation should be a finite number > 0"),
-    ],
-)
-def test_sizes_and_deviations_that_make_no_sense_are_refused(make, message) -> None:
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
 def test_huge_parameters_neither_overflow_nor_divide_by_zero() -> None:
     table = SoftmaxTable(2, 2, [8e307, -8e307, 0.0, 800.0])
     np.testing.assert_array_equal(table.probabilities(), [[1, 0], [0, 1]])

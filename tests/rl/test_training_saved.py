@@ -2,7 +2,6 @@
 
 import io
 import json
-import pickle
 import zipfile
 from functools import partial
 from types import SimpleNamespace
@@ -173,7 +172,6 @@ def test_what_another_program_wrote_is_refused(saved):
     text = json.loads(good["state.json"])
     older = told(**{"state.json": json.dumps({**text, "format": "cpgrl state 1"})})
     assert "'cpgrl state 1', which an earlier version wrote" in older
-    assert "'recording'" in told(**{"state.json": json.dumps({**text, "kind": "recording"})})
     less = {name: part for name, part in text["state"]["dict"].items() if name != "memory"}
     assert "memory" in told(**{"state.json": json.dumps({**text, "state": {"dict": less}})})
     objects = io.BytesIO()
@@ -182,11 +180,8 @@ def test_what_another_program_wrote_is_refused(saved):
     huge = good["0.npy"].replace(b"(2, 24)", b"(2e9,) ")
     assert huge != good["0.npy"]
     assert "whole; found" in told(**{"0.npy": huge})
-    assert "whole; found" in told(**{"0.npy": good["0.npy"].replace(b"(2, 24)", b"(9, 24)")})
     written(saved, good, zipfile.ZIP_DEFLATED)
     assert "packed" in refused(saved)
-    saved.write_bytes(pickle.dumps(good))
-    assert "whole; found" in refused(saved)
 
 
 def test_plain_values_come_back_as_they_were_and_other_things_are_refused(tmp_path):
