@@ -1,6 +1,7 @@
 """The boundary: whatever a caller hands over becomes a read-only float64 array, or a ValueError says why not."""
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -137,10 +138,24 @@ def require_count(name: str, value: Any, least: int = 1, most: int | None = None
         raise ValueError(f"{name} should be an integer ≤ {most}; found {value!r}")
 
 
-def require_member(name: str, value: str, members: tuple[str, ...]) -> None:
+def require_member(name: str, value: str, members: Collection[str]) -> None:
     """ValueError that lists the right names unless `value` is one of them."""
     if not isinstance(value, str) or value not in members:
-        raise ValueError(f"{name} should be one of {', '.join(members)}; found {value!r}")
+        raise not_a_member(name, value, members)
+
+
+def listed(text: str) -> list[str]:
+    """Words with commas between them, one by one."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def not_a_member(name: str, value: object, members: Collection[str], others: str = "") -> ValueError:
+    """What to raise for a name that is none of the members, nor of the others, in words; it tells the nearest one."""
+    from difflib import get_close_matches  # which loads what only an error needs
+
+    nearest = get_close_matches(str(value), members, n=1)
+    hint = f"; the nearest is {nearest[0]!r}" if nearest else ""
+    return ValueError(f"{name} should be one of {', '.join(members)}{others}; found {value!r}{hint}")
 
 
 def _as_array(name: str, values: ArrayLike) -> NDArray[Any]:

@@ -1,59 +1,58 @@
-"""Settings as plain values, by which a saved training tells whether it is handed what it was made with."""
+"""What a training is made with: a digest decides whether a saved one is handed the same, words tell what differs."""
 
-import functools
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from decimal import Decimal
-from enum import Enum
-from fractions import Fraction
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
 from .channels import event_key, layers
+from .digest import digest_of
 
-_SHORT = 32  # numbers of an array that are told one by one
-_DEEP = 8  # dataclasses within each other
-_PLAIN = (bool, int, float, str, type(None))
-_SPOKEN = (complex, bytes, range, slice, Fraction, Decimal, PurePath, Enum)  # whose text says all
-
-
-def describe(value: Any, depth: int = _DEEP) -> Any:
-    """For JSON: numbers, texts as they are, arrays by value or digest, dataclasses and others by class and parts."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, _PLAIN):
-        return value if type(value) in _PLAIN else f"{_name(value)}: {value}"
-    if isinstance(value, _SPOKEN):
-        return f"{_name(value)}: {value!s}"
-    if isinstance(value, np.ndarray):
-        return _array(value)
-    if hasattr(value, "__qualname__"):
-        return f"{value.__module__}.{value.__qualname__}"
-    if depth == 0:  # an object that holds itself would never end
-        return _name(value)
-    if isinstance(value, (tuple, list)):
-        return [describe(part, depth - 1) for part in value]
-    if isinstance(value, (set, frozenset)):
-        return sorted((describe(part, depth - 1) for part in value), key=json.dumps)
-    if isinstance(value, Mapping):
-        return {str(key): describe(part, depth - 1) for key, part in value.items()}
-    if isinstance(value, functools.partial):
-        value = {"function": value.func, "arguments": value.args, "named": value.keywords}
-        return describe(value, depth)
-    return {"class": _name(value), **{name: describe(part, depth - 1) for name, part in _settings(value).items()}}
+_LONG = 500  # letters of a setting that are told
+_TOLD = (bool, int, float, str, np.ndarray, np.generic)  # attributes that are settings, of what is no dataclass
 
 
-def describe_policy(policy: Any) -> Any:
+def words_of(name: str, value: Any) -> dict[str, str]:
+    """Settings in words, by their places in `value`.
+
+    Parameters
+    ----------
+    name
+        Of the value, the first part of each place.
+    value
+        A dataclass, whose fields are looked into; any other object, whose public attributes are told if they are
+        numbers, texts or arrays; or what its `repr` tells of.
+
+    Returns
+    -------
+    dict of str
+        The same in another process too: no addresses.
+    """
+    parts = _settings_of(value)
+    if not parts:
+        text = repr(value)
+        return {name: _class(value) if " at 0x" in text else text[:_LONG]}
+    inner = [words_of(f"{name}.{own}", part) for own, part in parts.items()]
+    return {name: _class(value), **{place: words for own in inner for place, words in own.items()}}
+
+
+def describe(name: str, value: Any) -> dict[str, str]:
+    """`words_of` a value, and its digest where it has one: what cannot be pickled is known by the words alone."""
+    try:
+        return {**words_of(name, value), f"digest of {name}": digest_of(value, name, with_sources=False)}
+    except RecursionError:  # an object that holds itself
+        return {name: _class(value)}
+    except ValueError:
+        return words_of(name, value)
+
+
+def describe_policy(policy: Any) -> dict[str, str]:
     """Without θ, which goes on from what is saved."""
-    found = describe(policy)
-    return {**{name: part for name, part in found.items() if name != "parameters"}, "n": np.size(policy.parameters)}
+    return describe("policy", policy.with_parameters(np.zeros(np.shape(policy.parameters))))
 
 
-def describe_environment(environment: Any) -> Any:
+def describe_environment(environment: Any) -> dict[str, str]:
     """Its classes, wrappers first, and what it declares: a finite MDP, kernels, Gymnasium's spec and spaces.
 
     Other attributes are not looked at: they change as the environment runs.
@@ -61,49 +60,38 @@ def describe_environment(environment: Any) -> Any:
     from envs.interface import continuous_kernels_of, finite_kernel_of  # Gymnasium loads with envs
 
     spec = getattr(environment, "spec", None)
-    found = {
-        "classes": [_name(layer) for layer in layers(environment)],
+    spaces = ("observation_space", "action_space", "reward_space")
+    declared = {
+        "classes": ", ".join(_class(layer) for layer in layers(environment)),
         "event_key": event_key(environment),
-        "spec": None if spec is None else describe([getattr(spec, "id", ""), getattr(spec, "kwargs", {})]),
+        "spec": None if spec is None else [getattr(spec, "id", ""), getattr(spec, "kwargs", {})],
+        **{name: repr(getattr(environment, name, None)) for name in spaces},
+        "finite": finite_kernel_of(environment),
+        "kernels": continuous_kernels_of(environment),
     }
-    for name in ("observation_space", "action_space", "reward_space"):
-        found[name] = repr(getattr(environment, name, None))
-    kernel, kernels = finite_kernel_of(environment), continuous_kernels_of(environment)
-    return {**found, "finite": describe(kernel), "kernels": describe(kernels)}
+    described = [describe(f"environment.{name}", part) for name, part in declared.items()]
+    return {place: words for own in described for place, words in own.items()}
 
 
-def first_difference(wanted: Any, found: Any, where: str) -> str | None:
-    """In words, the first place in which two descriptions differ."""
-    if isinstance(wanted, dict) and isinstance(found, dict) and wanted.get("class") == found.get("class"):
-        keys = dict.fromkeys([*wanted, *found])
-        parts = ((f"{where}.{key}" if where else key, wanted.get(key), found.get(key)) for key in keys)
-    elif isinstance(wanted, list) and isinstance(found, list) and len(wanted) == len(found):
-        parts = ((f"{where}[{k}]", *pair) for k, pair in enumerate(zip(wanted, found, strict=True)))
-    elif wanted == found:
-        return None
-    else:
-        return f"{where} should be {_in_words(wanted)}, as saved; found {_in_words(found)}"
-    differences = (first_difference(own, other, place) for place, own, other in parts)
-    return next((difference for difference in differences if difference is not None), None)
+def first_difference(wanted: Any, found: Mapping[str, str]) -> str | None:
+    """Where a description is not the one that was saved, in words; None if nowhere."""
+    saved = wanted if isinstance(wanted, dict) else {"settings": wanted}
+    for name in dict.fromkeys([*saved, *found]):
+        if saved.get(name) != found.get(name):
+            return f"{name} should be {saved.get(name)}, as saved; found {found.get(name)}"
+    return None
 
 
-def _array(value: np.ndarray) -> Any:
-    if value.size <= _SHORT and value.dtype.kind in "biuf":
-        return value.tolist()
-    digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
-    return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": digest}
-
-
-def _settings(value: Any) -> dict[str, Any]:
+def _settings_of(value: Any) -> dict[str, Any]:
+    if isinstance(value, type):
+        return {}
     if is_dataclass(value):  # what it finds while it is used is no setting
         return {own.name: getattr(value, own.name, None) for own in fields(value) if own.init}
     public = {name: part for name, part in getattr(value, "__dict__", {}).items() if not name.startswith("_")}
-    return {name: part for name, part in public.items() if isinstance(part, (*_PLAIN, np.ndarray, np.generic))}
+    return {name: part for name, part in public.items() if isinstance(part, _TOLD)}
 
 
-def _name(value: Any) -> str:
-    return f"{type(value).__module__}.{type(value).__qualname__}"
-
-
-def _in_words(value: Any) -> str:
-    return value["class"] if isinstance(value, dict) and "class" in value else json.dumps(value, ensure_ascii=False)
+def _class(value: Any) -> str:
+    """Of a function or a class, its own name."""
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    return f"{kind.__module__}.{kind.__qualname__}"

@@ -16,8 +16,8 @@ import numpy as np
 from cpgrl_opt.comparison.whole_file import whole_file
 
 _TEXT = "state.json"
-_FORMAT = "cpgrl state 2"  # 2: estimations carry drivers where 1 had rollouts; 1 cannot be gone on from
-_OLDER = ("cpgrl state 1",)
+_FORMAT = "cpgrl state 3"  # 3: settings as words and digests; 2: estimations carry drivers where 1 had rollouts
+_OLDER = ("cpgrl state 1", "cpgrl state 2")  # which cannot be gone on from
 _BEGINNING = (1980, 1, 1, 0, 0, 0)  # every entry's date, so that the same state makes the same bytes
 
 

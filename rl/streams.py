@@ -26,16 +26,16 @@ def run_streams(seed: int, run: int) -> RunStreams:
     return RunStreams(initial, episodes)
 
 
-def run_indices(runs: int | Sequence[int]) -> tuple[int, ...]:
+def run_indices(runs: int | Sequence[int], name: str = "runs") -> tuple[int, ...]:
     """0 … runs − 1, or the indices themselves; ValueError unless there is at least one, each ≥ 0, none twice."""
     if isinstance(runs, (int, np.integer)):
-        require_count("runs", runs, most=MOST_RUNS)
+        require_count(name, runs, most=MOST_RUNS)
         return tuple(range(runs))
     given: object = runs
     indices = tuple(given) if isinstance(given, Iterable) else ()
     whole = all(isinstance(run, (int, np.integer)) and not isinstance(run, bool) for run in indices)
     if not indices or not whole or min(indices) < 0:
-        raise ValueError(f"runs should be a number ≥ 1 or indices ≥ 0; found {runs!r}")
+        raise ValueError(f"{name} should be a number ≥ 1 or indices ≥ 0; found {runs!r}")
     if len(set(indices)) < len(indices):
-        raise ValueError(f"runs should be indices that differ, since the same index is the same run; found {runs!r}")
+        raise ValueError(f"{name} should be indices that differ, since the same index is the same run; found {runs!r}")
     return tuple(map(int, indices))

@@ -133,11 +133,11 @@ class Training:
         self._learning, self._step = _compiled_learning(self._estimation, learner, self._theta, self._course)
         self._environment = environment
         self._made_with = {  # before anybody counts anything in them
-            "policy": describe_policy(policy),
-            "estimator": describe(estimator),
-            "learner": describe(learner),
-            "runs": list(indices),
-            "seed": int(seed),
+            **describe_policy(policy),
+            **describe("estimator", estimator),
+            **describe("learner", learner),
+            "runs": str(list(indices)),
+            "seed": str(int(seed)),
         }
         self._episode = 0
         self._is_stationary = False  # after the last update, in every run
@@ -213,7 +213,7 @@ class Training:
             raise ValueError(f"a saved training should have {', '.join(missing)}; found {', '.join(state)}")
         if type(state["episode"]) is not int or state["episode"] < 0:
             raise ValueError(f"episode should be a number ≥ 0; found {state['episode']!r}")
-        difference = first_difference(state["settings"], self._settings(), "")
+        difference = first_difference(state["settings"], self._settings())
         if difference is not None:
             raise ValueError(difference)
         require_like(self._theta, state["parameters"], "θ")
@@ -227,8 +227,8 @@ class Training:
         if not self._is_whole:
             raise ValueError(f"a training should {what} between two episodes; found one that something ended halfway")
 
-    def _settings(self) -> dict[str, Any]:
-        return {"environment": describe_environment(self._environment), **self._made_with}
+    def _settings(self) -> dict[str, str]:
+        return {**describe_environment(self._environment), **self._made_with}
 
     def _next(self) -> TrainingRecord:
         """Of episodes simulated ahead, or of one that is simulated now."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..problem import DirectionProblem
 from ..solvers import SOLVERS, is_installed, obstacle, supports
+from ..validation import not_a_member
 from .raw import RAW
 
 DEFAULT_SOLVER = "active-set"  # whose time is 1
@@ -24,7 +25,7 @@ def solver_of(name: str) -> Any:
         return SOLVERS[name]
     module, colon, attribute = name.partition(":")
     if not colon:
-        raise ValueError(f"solver should be one of {', '.join(SOLVERS)}, or package.module:SOLVER; found {name!r}")
+        raise not_a_member("solver", name, SOLVERS, ", or package.module:SOLVER")
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .. import problems
 from ..exact import exact_answer
+from ..validation import not_a_member
 from .families import FAMILIES, ProblemFamily
 from .recording import load_recording
 from .replay import recorded_family
@@ -45,10 +46,7 @@ def families_asked(names: Iterable[str]) -> dict[str, ProblemFamily]:
             continue
         found = {name for name in FAMILIES if fnmatchcase(name, typed)} or {typed} & REGISTERED.keys()
         if not found:
-            raise ValueError(
-                f"family should be one of {', '.join(FAMILIES)}, one of cpgrl_opt.problems, {', '.join(REGISTERED)}, "
-                f"or a recording, FILE.npz; found {typed!r}"
-            )
+            raise not_a_member("family", typed, _NAMED, ", or a recording, FILE.npz")
         chosen |= found
     return {name: _NAMED[name] for name in _NAMED if name in chosen} | {path: family_named(path) for path in paths}
 

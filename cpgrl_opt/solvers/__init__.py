@@ -11,6 +11,7 @@ from warnings import warn
 
 from ..direction import Direction, DirectionBatch
 from ..problem import DirectionProblem, ProblemBatch, require_problem
+from ..validation import not_a_member
 from .active_set import ActiveSet
 from .enumeration import Enumeration
 from .exact_core import compile_kernels
@@ -55,7 +56,7 @@ if not TYPE_CHECKING:  # which would believe in any attribute
 def solver_named(name: str) -> DirectionSolver:
     """SOLVERS[name], or a ValueError that lists the right names."""
     if name not in SOLVERS:
-        raise ValueError(f"solver should be one of {', '.join(SOLVERS)}; found {name!r}")
+        raise not_a_member("solver", name, SOLVERS)
     return SOLVERS[name]
 
 

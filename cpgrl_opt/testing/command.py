@@ -1,5 +1,6 @@
 """The body of `cpgrl check package.module:SOLVER`: a verdict on the terminal, and an exit status."""
 
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -180,14 +181,11 @@ def _short(result: CheckResult) -> str:
 
 
 def _progress_on_terminal(total: int) -> Callable[[str], None]:
-    """Counts the laws that are done in one line of stderr, and only on a terminal."""
-    done = 0
+    """A line of stderr for each law that is done, and only on a terminal."""
+    done = itertools.count(1)
 
-    def tell(_: str) -> None:
-        nonlocal done
-        done += 1
+    def tell(law: str) -> None:
         if sys.stderr.isatty():
-            sys.stderr.write("\r\033[K" if done == total else f"\r{done} of {total} laws")
-            sys.stderr.flush()
+            sys.stderr.write(f"{next(done):3} of {total} laws  {law}\n")
 
     return tell

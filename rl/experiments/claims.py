@@ -73,13 +73,29 @@ class Statements(list[Statement]):
 
 
 def write_claims(claims: Sequence[Claim], path: Path) -> None:
-    """`claims.json`: a list of {"id", "claim", "source", "about" where it is told, "measured", "holds"}."""
+    """`claims.json`: a list of {"id", "claim", "source", "about" where it is told, "measured", "holds"}.
+
+    Parameters
+    ----------
+    claims
+        In their order.
+    path
+        Of the file.
+    """
     written = [asdict(claim) for claim in claims]
     write_json(path, [{name: value for name, value in own.items() if value != ""} for own in written])
 
 
 def print_claims(claims: Sequence[Claim], console: Console) -> None:
-    """A row per claim, and how many hold."""
+    """A row per claim, and how many hold.
+
+    Parameters
+    ----------
+    claims
+        In their order.
+    console
+        What prints them.
+    """
     table = Table("holds", "claim", "measured", title="Claims", title_justify="left", show_lines=True)
     for claim in claims:
         verdict = "[green]yes[/green]" if claim.holds else "[bold red]no[/bold red]"

@@ -6,7 +6,6 @@ An experiment is one file: a subclass of `Experiment`, and a line in `registry`.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,12 +21,13 @@ from .claims import Claim
 from .comparison import Comparison
 from .messages import Outcome
 
-Figures = Mapping[str, Callable[[], Any]]  # how each is drawn, by the name of its PNG and SVG
+# How each is drawn, by the name of its PNG and SVG; of one file, such as fig.gif, how it is written to its path.
+Figures = Mapping[str, Callable[..., Any]]
 
 
-def option(default: Any, words: str, *names: str) -> Any:
-    """A setting that the command has as an option; words: its help; names: others beside the field's own."""
-    return field(default=default, metadata={"words": words, "names": names})
+def option(default: Any, words: str) -> Any:
+    """A setting that the command has as an option; words: its help."""
+    return field(default=default, metadata={"words": words})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class Experiment(ABC):
     seed: int = option(0, "Seed of all random streams.")
     solver: str = option("rosen", "CPGRL's direction solver; `cpgrl solvers` lists them.")
     formulation: str = option("equality", "Of the subproblem: equality, cone, restoring, linearized.")
-    record_every: int = option(100, "Episodes between two rows of a run in learning.csv.", "--block")
+    record_every: int = option(100, "Episodes between two rows of a run in learning.csv.")
     record: int = option(0, "Direction problems of each training to keep in subproblems.npz; 0 for none.")
     step_size: float = 0.02
     restoration_rate: float = 0.02
@@ -160,10 +160,6 @@ class Experiment(ABC):
 
     def figures(self, results: Results) -> Figures:  # noqa: ARG002
         """Those of the results."""
-        return {}
-
-    def animations(self, results: Results) -> Mapping[str, Callable[[Path], object]]:  # noqa: ARG002
-        """How each is written, by the name of its file."""
         return {}
 
     def comparisons(self) -> Sequence[Comparison]:

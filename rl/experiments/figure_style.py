@@ -49,7 +49,18 @@ def paper_style() -> Iterator[None]:
 
 
 def blank_figure(width: float, height: float) -> "Figure":
-    """A figure of its own, in inches, without pyplot's global state or a window."""
+    """A figure of its own, in inches, without pyplot's global state or a window.
+
+    Parameters
+    ----------
+    width, height
+        Inches.
+
+    Returns
+    -------
+    Figure
+        Of the Agg back end.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -58,14 +69,23 @@ def blank_figure(width: float, height: float) -> "Figure":
     return figure
 
 
-def load_figures() -> None:
-    """Imports what drawing needs: half a second that can pass while workers train."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg  # noqa: F401
-
-
 def save_figure(figure: "Figure", directory: Path, name: str) -> list[Path]:
-    """`name`.png and `name`.svg."""
+    """`name`.png and `name`.svg.
+
+    Parameters
+    ----------
+    figure
+        Drawn in `paper_style`.
+    directory
+        For both files.
+    name
+        Without an ending.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
     png, svg = directory / f"{name}.png", directory / f"{name}.svg"
     figure.savefig(png, dpi=DOTS_PER_INCH)
     figure.savefig(svg, metadata={"Date": None})
@@ -73,10 +93,26 @@ def save_figure(figure: "Figure", directory: Path, name: str) -> list[Path]:
 
 
 def panel_letter(axes: "Axes", letter: str, text: str = "") -> None:
-    """(a) in bold above the panel's left edge, then its title."""
+    """(a) in bold above the panel's left edge, then its title.
+
+    Parameters
+    ----------
+    axes
+        The panel.
+    letter, text
+        In bold, and as it is.
+    """
     axes.set_title(rf"$\bf{{({letter})}}$  {text}", loc="left", y=1.0, pad=4)
 
 
 def caption(figure: "Figure", text: str) -> None:
-    """A few lines below the panels that say what is drawn."""
+    """A few lines below the panels that say what is drawn.
+
+    Parameters
+    ----------
+    figure
+        With room below its panels.
+    text
+        Lines, broken as they are shown.
+    """
     figure.text(0.012, 0.012, text, fontsize=8, color="0.25", va="bottom", ha="left", linespacing=1.25)

@@ -13,21 +13,12 @@ from .subproblems import join_recordings
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What was recorded of some runs up to `episode`: arrays (R, …) by name."""
+    """What was recorded of some runs up to `episode`: arrays (R, …) by name; of none, a sign of life."""
 
     label: str
     runs: tuple[int, ...]
     episode: int
-    values: Mapping[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Tick:
-    """A sign of life: these runs have done so many episodes."""
-
-    label: str
-    runs: tuple[int, ...]
-    episode: int
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +26,8 @@ class Outcome:
     """Some runs of a training when it is done.
 
     steps: (R,), of the environment; seconds: of training, by the wall, and cpu_seconds, by the process' own clock,
-    which others on the machine do not stretch; preparation: s, compiling or loading before it; parameters: (R, n),
-    the last θ; counts: by event, (R,), as learner and recorder count; totals: what the recorder summed over the runs;
-    recording: of the direction problems, if wanted.
+    which others on the machine do not stretch; parameters: (R, n), the last θ; counts: by event, (R,), as learner and
+    recorder count; totals: what the recorder summed over the runs; recording: of the direction problems, if wanted.
     """
 
     label: str
@@ -46,7 +36,6 @@ class Outcome:
     steps: Int[np.ndarray, "R"]
     seconds: float
     cpu_seconds: float
-    preparation: float
     parameters: Float[np.ndarray, "R n"]
     counts: Mapping[str, Int[np.ndarray, "R"]]
     totals: Mapping[str, float] = field(default_factory=dict)
@@ -62,11 +51,22 @@ class Outcome:
         return {name: int(runs.sum()) for name, runs in self.counts.items()}
 
 
-Message = Block | Tick | Outcome
+Message = Block | Outcome
 
 
 def join_outcomes(parts: Sequence[Outcome]) -> Outcome:
-    """The outcome of all runs from those of shares, in their order."""
+    """The outcome of all runs from those of shares, in their order.
+
+    Parameters
+    ----------
+    parts
+        Of one training, in the order of their runs.
+
+    Returns
+    -------
+    Outcome
+        Of all runs; seconds are added.
+    """
     first = parts[0]
     return Outcome(
         first.label,
@@ -75,7 +75,6 @@ def join_outcomes(parts: Sequence[Outcome]) -> Outcome:
         np.concatenate([part.steps for part in parts]),
         sum(part.seconds for part in parts),
         sum(part.cpu_seconds for part in parts),
-        sum(part.preparation for part in parts),
         np.concatenate([part.parameters for part in parts]),
         {name: np.concatenate([part.counts[name] for part in parts]) for name in first.counts},
         {name: sum(part.totals[name] for part in parts) for name in first.totals},

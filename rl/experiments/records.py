@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -21,17 +20,8 @@ from .share import Share, train_share
 from .tidy_csv import TidyCsv
 from .workers import run_tasks
 
-
-@dataclass(frozen=True)
-class Advance:
-    """How far a training is, the run that is least far; recorded: whether `learning.csv` holds it to there."""
-
-    label: str
-    episode: int
-    recorded: bool
-
-
-Listener = Callable[[Advance], None]
+# A message of a share, and the episode that the least far of its training's runs has reached.
+Listener = Callable[[Message, int], object]
 
 
 def train(
@@ -40,14 +30,32 @@ def train(
     *,
     processes: int = 1,
     listen: Listener | None = None,
-    meanwhile: Callable[[], object] | None = None,
     checkpoints: Checkpoints | None = None,
 ) -> Results:
-    """Every case; `learning.csv`, and the CSV of each comparison, hold what was done whatever ends it.
+    """Every case of an experiment, its records on disk as they come.
 
-    processes: over which cases and their runs are shared out; the numbers do not depend on it. listen: sees how far
-    it is. meanwhile: see `run_tasks`. checkpoints: where each share goes on from, and keeps how far it is. Raises
-    MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError.
+    Parameters
+    ----------
+    experiment
+        Whose cases are trained.
+    directory
+        For `learning.csv` and the CSV of each comparison, which hold what was done whatever ends it.
+    processes
+        Over which cases and their runs are shared out; the numbers do not depend on it.
+    listen
+        Sees how far it is.
+    checkpoints
+        Where each share goes on from, and keeps how far it is.
+
+    Returns
+    -------
+    Results
+        By the labels of the cases.
+
+    Raises
+    ------
+    MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError
+        As their names say.
     """
     cases = experiment.cases()
     for solver in dict.fromkeys(case.solver for case in cases if case.solver):
@@ -56,12 +64,12 @@ def train(
     with Records(experiment, directory) as records:
 
         def heard(message: Message) -> None:
-            advance = records.hear(message)
+            least = records.hear(message)
             if listen is not None:
-                listen(advance)
+                listen(message, least)
 
         task = partial(train_share, checkpoints=checkpoints)
-        outcomes = run_tasks(task, share_out(experiment, parts), heard, processes=processes, meanwhile=meanwhile)
+        outcomes = run_tasks(task, share_out(experiment, parts), heard, processes=processes)
     return Results(
         experiment,
         {case.label: records.curves(case.label) for case in cases},
@@ -73,12 +81,37 @@ def parts_for(experiment: Experiment, processes: int) -> int:
     """Into how many shares a case is split: only if there are fewer than two cases for each process.
 
     Runs beside each other share what an update costs besides them.
+
+    Parameters
+    ----------
+    experiment
+        Its cases, and whether it splits them.
+    processes
+        To be kept busy.
+
+    Returns
+    -------
+    int
+        Shares of a case.
     """
     return min(processes, -(-2 * processes // len(experiment.cases()))) if experiment.splits else 1
 
 
 def share_out(experiment: Experiment, parts: int) -> list[Share]:
-    """Cases and runs, the longest first, so that at the end no process waits long for another."""
+    """Cases and runs, the longest first, so that at the end no process waits long for another.
+
+    Parameters
+    ----------
+    experiment
+        Its cases and runs.
+    parts
+        Shares of a case.
+
+    Returns
+    -------
+    list of Share
+        In the order in which they begin.
+    """
     cases = sorted(experiment.cases(), key=lambda case: case.rank)
     return [(experiment, case, tuple(runs)) for case in cases for runs in split(range(experiment.runs), parts)]
 
@@ -97,22 +130,18 @@ class Records(ExitStack):
         self.blocks: dict[str, list[Block]] = {label: [] for label in self.cases}
         self.done = {label: np.zeros(experiment.runs, dtype=np.int64) for label in self.cases}
 
-    def hear(self, message: Message) -> Advance:
-        """Writes what it tells; says how far its training is."""
-        recorded = isinstance(message, Block) and self.cases[message.label].in_learning
-        if isinstance(message, Block):
+    def hear(self, message: Message) -> int:
+        """Writes what it tells; says how far the least far of its training's runs is."""
+        if isinstance(message, Block) and message.values:
             self.blocks[message.label].append(message)
-            if recorded:
+            if self.cases[message.label].in_learning:
                 self.csv.append(_rows(message, list(self.experiment.recorded)))
         elif isinstance(message, Outcome):
             for comparison, csv in self.comparisons:
                 if message.label in comparison.keys:
                     csv.append(comparison.rows(self.curves(message.label, message.runs), message))
-        done = self.done[message.label]
-        done[list(message.runs)] = message.episode
-        least = int(done.min())
-        # When a share catches up to the end of a block, the others have recorded theirs.
-        return Advance(message.label, least, recorded and least == message.episode)
+        self.done[message.label][list(message.runs)] = message.episode
+        return int(self.done[message.label].min())
 
     def curves(self, label: str, runs: Sequence[int] | None = None) -> Any:
         """What was recorded of a training, of all its runs or of a share."""

@@ -1,18 +1,19 @@
-"""The directory of a reproduction: finished results stay until others are finished, and two runs never mix in it."""
+"""The directory of a reproduction: finished results stay until others are finished, and two runs never mix in it.
 
-import itertools
+An experiment works in a folder of its own in it, unfinished-KEY-PARTS. There are what it wrote so far and its
+checkpoints, from the beginning until its results are complete; only an experiment of the same key goes on there.
+"""
+
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from cpgrl_opt.comparison.folder_lock import FolderInUseError, locked_folder
 
 from ..interrupts import InterruptsHeld
-from .checkpoints import forget, holds
 
-UNFINISHED = "unfinished"
 _LAST = "summary.json"  # without it a directory does not hold a finished run
 
 
@@ -21,34 +22,69 @@ class UnusableDirectoryError(ValueError):
 
 
 @contextmanager
-def results_directory(directory: Path, files: Sequence[str], key: Mapping[str, Any] | None = None) -> Iterator[Path]:
-    """Where to write these files: the directory, made if it is not there, or a folder of its own within it.
+def results_directory(
+    directory: Path, files: Sequence[str], key: str, *, parts: int = 1, anew: bool = False
+) -> Iterator[Path]:
+    """The folder to write into, whose files take their places in the directory at the end.
 
-    If any of them is in the directory already, an earlier run's, `place_for` names the folder; with a key, of
-    `experiment_key`, it is where that experiment was stopped, if it was. At the context's end
-    what is in it takes their place, and those that were not written anew are removed; on an exception both stay as
-    they are. Other files are left alone. Meanwhile the directory is this process's alone. Raises
-    UnusableDirectoryError where there can be no directory, FolderInUseError where another process writes into it.
+    Parameters
+    ----------
+    directory
+        Made if it is not there, and this process's alone meanwhile. Files of other names are left alone.
+    files
+        Names of all that may be written. Those that were not written anew are removed at the end.
+    key
+        What decides the results' bytes.
+    parts
+        Number of shares of a training's runs; where the experiment goes on, what the folder's name ends in counts.
+    anew
+        Starts over where the experiment was stopped.
+
+    Yields
+    ------
+    Path
+        Empty at the beginning of an experiment. On an exception it stays as it is, unless it is empty.
+
+    Raises
+    ------
+    UnusableDirectoryError, FolderInUseError
+        Where there can be no directory; where another process writes into it.
     """
     with reserve(directory):
-        place = place_for(directory, files, key)
+        stopped = sorted(directory.glob(f"unfinished-{key}-*"))
+        place = stopped[0] if stopped else directory / f"unfinished-{key}-{parts}"
+        if anew:
+            shutil.rmtree(place, ignore_errors=True)
         place.mkdir(exist_ok=True)
         try:
             yield place
         except BaseException:
-            if place != directory and not any(place.iterdir()):
-                place.rmdir()
+            with suppress(OSError):
+                place.rmdir()  # where nothing was written
             raise
-        if place != directory:
-            _swap_in(place, directory, files)
-        forget(place)
-        if place != directory:
-            place.rmdir()
+        _swap_in(place, directory, files)
+        shutil.rmtree(place)
+
+
+def parts_of(place: Path) -> int:
+    """Into how many shares the runs were split where an experiment began to work."""
+    return int(place.name.rpartition("-")[2])
 
 
 @contextmanager
 def reserve(directory: Path) -> Iterator[None]:
-    """The directory, made if it is not there, for this process alone; see `results_directory` for what is raised."""
+    """The directory, made if it is not there, for this process alone; see `results_directory` for what is raised.
+
+    Parameters
+    ----------
+    directory
+        Made with its parents.
+
+    Raises
+    ------
+    UnusableDirectoryError, FolderInUseError
+        See `results_directory`.
+    """
     with ExitStack() as stack:
         try:
             stack.enter_context(locked_folder(directory))
@@ -61,24 +97,8 @@ def reserve(directory: Path) -> Iterator[None]:
         yield
 
 
-def place_for(directory: Path, files: Sequence[str], key: Mapping[str, Any] | None = None) -> Path:
-    """Where a checkpoint of the key's experiment is, among the directory, unfinished, unfinished-2 …
-
-    Else the directory if it has none of the files, else the first of the others that is not there.
-    """
-    if key is not None:
-        places = (place for place in (directory, *sorted(directory.glob(f"{UNFINISHED}*"))) if holds(place, key))
-        if (found := next(places, None)) is not None:
-            return found
-    if not any((directory / name).exists() for name in files):
-        return directory
-    names = itertools.chain([UNFINISHED], (f"{UNFINISHED}-{number}" for number in itertools.count(2)))
-    return next(directory / name for name in names if not (directory / name).exists())
-
-
 def _swap_in(place: Path, directory: Path, files: Sequence[str]) -> None:
     with InterruptsHeld():
-        forget(directory)  # of another run, which was stopped: its learning.csv goes too
         # The summary goes first and comes last: killed in between, the directory does not pass for finished.
         (directory / _LAST).unlink(missing_ok=True)
         for name in sorted(files, key=lambda name: name == _LAST):

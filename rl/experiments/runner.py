@@ -1,6 +1,8 @@
 """`cpgrl reproduce`: an experiment's training, claims and figures, and every file of the results' directory."""
 
+import json
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -8,28 +10,30 @@ from typing import Any
 
 from cpgrl_opt.comparison.machine import versions
 from cpgrl_opt.solvers import solver_named
+from cpgrl_opt.validation import require_nonnegative
 
-from .checkpoints import EVERY, Checkpoints, experiment_key, holds, require_interval
+from ..digest import digest_of_text, sources_digest
+from .checkpoints import EVERY, Checkpoints
 from .claims import Claim, write_claims
-from .comparison import Comparison
 from .experiment import Experiment, Results
-from .figure_style import load_figures, paper_style, save_figure
+from .figure_style import paper_style, save_figure
+from .json_file import write_summary
 from .messages import Outcome
 from .records import Listener, parts_for, train
-from .results_directory import results_directory
+from .results_directory import parts_of, results_directory
 from .step_report import handing_over, in_words
 from .subproblems import FILE as SUBPROBLEMS
 from .subproblems import write_subproblems
-from .summary import PACKAGES, write_summary
+
+PACKAGES = ("cpgrl-opt", "numpy", "scipy", "numba", "gymnasium", "matplotlib")  # that every experiment stands on
 
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """Results, claims, tables of comparisons, wall seconds by part ("training", "figures", "total"), the recording."""
+    """Results, claims, wall seconds by part ("training", "figures", "total"), and what --record kept, in words."""
 
     results: Results
     claims: Sequence[Claim]
-    tables: Sequence[tuple[Comparison, list[list[str]]]]
     seconds: Mapping[str, float]
     recorded: Sequence[str] = ()
 
@@ -40,61 +44,136 @@ def files_of(experiment: Experiment | type[Experiment]) -> tuple[str, ...]:
 
 
 def reproduce(
-    experiment: Experiment,
-    directory: Path,
-    *,
-    processes: int = 1,
-    listen: Listener | None = None,
-    checkpoint_every: float = EVERY,
-) -> Reproduction:
-    """Writes those of `files_of` that the settings ask for into the directory, as `results_directory` says.
+    experiment: Experiment, directory: Path, *, processes: int = 1, listen: Listener | None = None,
+    checkpoint_every: float = EVERY, anew: bool = False,
+) -> Reproduction:  # fmt: skip
+    """Trains, and writes those of `files_of` that the settings ask for.
 
-    An earlier run's stay until these are finished. Interrupted, it leaves `learning.csv`, and the CSV of comparisons,
-    with what was done. Stopped, killed or not, and called again, it goes on, and loses checkpoint_every seconds at
-    most; the bytes of `learning.csv` and `claims.json` do not tell. Raises as `train`.
+    Parameters
+    ----------
+    experiment
+        With its settings.
+    directory
+        An earlier run's files stay in it until these are finished; meanwhile see `results_directory`.
+    processes, listen
+        As `train` says.
+    checkpoint_every
+        Seconds that are lost at most where it is stopped, killed or not, and called again. The bytes of `learning.csv`
+        and `claims.json` do not tell.
+    anew
+        Starts over where it was stopped.
+
+    Returns
+    -------
+    Reproduction
+        What came of it.
+
+    Raises
+    ------
+    ValueError
+        For an interval that is none, and as `results_directory` and `train`.
     """
-    require_interval(checkpoint_every)
-    key = key_of(experiment)
-    with results_directory(directory, files_of(experiment), key) as place:
-        was_stopped = holds(place, key)
-        checkpoints = Checkpoints.begin(place, key, checkpoint_every, parts_for(experiment, processes))
-        begun = perf_counter()
-        results = train(
-            experiment, place, processes=processes, listen=listen, meanwhile=_load, checkpoints=checkpoints
-        )  # fmt: skip
-        trained = perf_counter()
-        claims = experiment.claims(results)
-        write_claims(claims, place / "claims.json")
-        tables = [(own, own.table(results.curves, results.outcomes)) for own in experiment.comparisons()]
-        for comparison, table in tables:
-            comparison.write(table, results.outcomes, place)
-        recorded = write_subproblems([outcome.recording for outcome in results.outcomes.values()], place)
-        draw(results, place)
-        ended = perf_counter()
-        seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
-        contents = {**summary(results, seconds, processes), "was_stopped": was_stopped}
-        if was_stopped:  # the wall's time is that of the last part alone
-            del contents["steps_per_second_of_all_processes"]
-        write_summary(place / "summary.json", speed(results), contents)
-        return Reproduction(results, claims, tables, seconds, recorded)
+    require_nonnegative("checkpoint_every", checkpoint_every)
+    with workplace(experiment, directory, processes=processes, anew=anew) as place:
+        return carry_out(experiment, place, processes=processes, listen=listen, checkpoint_every=checkpoint_every)
 
 
-def key_of(experiment: Experiment) -> dict[str, Any]:
-    """By which a checkpoint is known to be of this experiment."""
-    return experiment_key(experiment.name, experiment, (*PACKAGES, *_back_ends(experiment)))
+def workplace(
+    experiment: Experiment, directory: Path, *, processes: int = 1, anew: bool = False
+) -> AbstractContextManager[Path]:
+    """The `results_directory` of an experiment; its key: all that decides the results' bytes.
+
+    Parameters
+    ----------
+    experiment, directory, processes, anew
+        As `reproduce` says.
+
+    Returns
+    -------
+    context of Path
+        Where the experiment works.
+
+    Raises
+    ------
+    UnusableDirectoryError, FolderInUseError
+        See `results_directory`.
+    """
+    settings, packages = json.dumps(asdict(experiment)), versions((*PACKAGES, *_back_ends(experiment)))
+    key = digest_of_text(experiment.name, settings, json.dumps(packages), sources_digest())
+    return results_directory(directory, files_of(experiment), key, parts=parts_for(experiment, processes), anew=anew)
+
+
+def carry_out(
+    experiment: Experiment, place: Path, *, processes: int, listen: Listener | None, checkpoint_every: float
+) -> Reproduction:
+    """What `reproduce` does in a `workplace`.
+
+    Parameters
+    ----------
+    experiment, processes, listen, checkpoint_every
+        As `reproduce` says.
+    place
+        What `workplace` gives.
+
+    Returns
+    -------
+    Reproduction
+        As `reproduce` says.
+
+    Raises
+    ------
+    MissingPackageError, DivergenceError, WorkerDiedError, CheckpointError
+        As their names say.
+    """
+    was_stopped = any(place.iterdir())
+    checkpoints = Checkpoints(place, checkpoint_every, parts_of(place))
+    begun = perf_counter()
+    results = train(experiment, place, processes=processes, listen=listen, checkpoints=checkpoints)
+    trained = perf_counter()
+    claims = experiment.claims(results)
+    write_claims(claims, place / "claims.json")
+    for comparison in experiment.comparisons():
+        comparison.write(results.curves, results.outcomes, place)
+    recorded = write_subproblems([outcome.recording for outcome in results.outcomes.values()], place)
+    draw(results, place)
+    ended = perf_counter()
+    seconds = {"training": trained - begun, "figures": ended - trained, "total": ended - begun}
+    contents = {**summary(results, seconds, processes), "was_stopped": was_stopped}
+    write_summary(place / "summary.json", speed(results), contents)
+    return Reproduction(results, claims, seconds, recorded)
 
 
 def draw(results: Results, directory: Path) -> None:
-    """Every figure as PNG and SVG, every animation."""
+    """Every figure as PNG and SVG, every animation.
+
+    Parameters
+    ----------
+    results
+        Of the experiment that draws.
+    directory
+        For the files.
+    """
     with paper_style():
         for name, figure in results.settings.figures(results).items():
-            save_figure(figure(), directory, name)
-        for name, write in results.settings.animations(results).items():
-            write(directory / name)
+            if "." in name:
+                figure(directory / name)
+            else:
+                save_figure(figure(), directory, name)
 
 
 def remarks(done: Reproduction) -> list[str]:
-    """Speed, wall time, and whatever did not go by the plain rule."""
+    """Speed, wall time, and whatever did not go by the plain rule.
+
+    Parameters
+    ----------
+    done
+        A reproduction.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
     results, settings = done.results, done.results.settings
     million_steps = sum(int(outcome.steps.sum()) for outcome in results.outcomes.values()) / 1e6
     lines = [
@@ -112,16 +191,43 @@ def remarks(done: Reproduction) -> list[str]:
 
 
 def speed(results: Results, clock: str = "seconds") -> float:
-    """Environment steps per wall second of a process, or per "cpu_seconds", in training by CPGRL, or by all if none."""
+    """Environment steps per wall second of a process, or per "cpu_seconds", in training by CPGRL, or by all if none.
+
+    Parameters
+    ----------
+    results
+        With outcomes.
+    clock
+        "seconds" of the wall or "cpu_seconds".
+
+    Returns
+    -------
+    float
+        Steps per second.
+    """
     labels = [case.label for case in results.settings.cases() if case.by_cpgrl] or list(results.outcomes)
     outcomes = [results.outcomes[label] for label in labels]
     return float(sum(each.steps.sum() for each in outcomes) / sum(getattr(each, clock) for each in outcomes))
 
 
 def summary(results: Results, seconds: Mapping[str, float], processes: int) -> dict[str, Any]:
-    """What `summary.json` holds besides speed and machine."""
+    """What `summary.json` holds besides speed and machine.
+
+    Parameters
+    ----------
+    results
+        With outcomes.
+    seconds
+        Of the wall, by part.
+    processes
+        That trained.
+
+    Returns
+    -------
+    dict
+        For JSON.
+    """
     settings = results.settings
-    steps = sum(int(outcome.steps.sum()) for outcome in results.outcomes.values())
     return {
         "experiment": settings.name,
         "settings": asdict(settings),
@@ -130,7 +236,6 @@ def summary(results: Results, seconds: Mapping[str, float], processes: int) -> d
         "wall_time": {name: round(value, 3) for name, value in seconds.items()},
         "processes": processes,
         "steps_per_cpu_second": round(speed(results, "cpu_seconds")),
-        "steps_per_second_of_all_processes": round(steps / seconds["training"]),
         f"{settings.key}s": {
             case.label: {**_cost(results.outcomes[case.label], settings.runs), **settings.summary_of(case, results)}
             for case in settings.cases()
@@ -145,7 +250,6 @@ def _cost(outcome: Outcome, runs: int) -> dict[str, Any]:
         "training_seconds": round(outcome.seconds, 3),
         "training_cpu_seconds": round(outcome.cpu_seconds, 3),
         "steps_per_second": round(outcome.steps_per_second),
-        "preparation_seconds": round(outcome.preparation, 3),
         "updates": runs * outcome.episode,
         "counts": outcome.counted(),
     }
@@ -154,9 +258,3 @@ def _cost(outcome: Outcome, runs: int) -> dict[str, Any]:
 def _back_ends(experiment: Experiment) -> list[str]:
     solvers = [solver_named(case.solver) for case in experiment.cases() if case.solver]
     return sorted({package for solver in solvers if (package := getattr(solver, "package", None))})
-
-
-def _load() -> None:
-    import scipy.optimize  # noqa: F401 - for exact optima; slow to import
-
-    load_figures()

@@ -11,7 +11,7 @@ from .._carried import put_back, state_of
 from ..training import TrainingRecord
 from .checkpoints import Checkpoint, Checkpoints
 from .experiment import Experiment, TrainingCase
-from .messages import Block, Message, Outcome, Tick
+from .messages import Block, Message, Outcome
 from .subproblems import SubproblemRecorder
 
 _TICK = 0.2  # s between signs of life
@@ -24,16 +24,34 @@ def train_share(share: Share, report: Callable[[Message], None], checkpoints: Ch
     """All runs of the share in lockstep; reports every record, and the outcome.
 
     Where it was stopped before, it reports what it had, and goes on.
+
+    Parameters
+    ----------
+    share
+        Experiment, case and runs.
+    report
+        Hears every record, and the outcome.
+    checkpoints
+        Where it goes on from if it was stopped; None for none.
+
+    Returns
+    -------
+    Outcome
+        Of these runs.
+
+    Raises
+    ------
+    DivergenceError, CheckpointError
+        As their names say.
     """
     experiment, case, runs = share
-    started = perf_counter()
     for _ in experiment.begin(replace(case, episodes=1), runs[:1])[0]:
         pass  # kernels are compiled, or loaded from the cache, so that the clock below sees training alone
     experiment.prepare(case)
     course = _Course(share, report, Checkpoint(checkpoints, f"{case.label}, {runs[0]} to {runs[-1]}"))
     for record in course.training:
         course.see(record)
-    outcome = course.outcome(course.begun[0] - started)
+    outcome = course.outcome()
     report(outcome)
     return outcome
 
@@ -91,7 +109,7 @@ class _Course:
             self._tell(record.episode)
         elif perf_counter() - self.ticked > _TICK:
             self.ticked = perf_counter()
-            self.report(Tick(case.label, self.runs, record.episode))
+            self.report(Block(case.label, self.runs, record.episode))
         if self.checkpoint.is_due(at_the_end=is_last):
             self._save()
 
@@ -116,12 +134,12 @@ class _Course:
         (wall, cpu), (begun, begun_cpu) = self.before, self.begun
         return wall + perf_counter() - begun, cpu + process_time() - begun_cpu
 
-    def outcome(self, preparation: float) -> Outcome:
+    def outcome(self) -> Outcome:
         """What it came to."""
+        recording = None if self.watcher is None else self.watcher.recording()
         return Outcome(
-            self.case.label, self.runs, self.case.episodes, self.steps, *self._seconds(), preparation,
-            self.training.parameters, self.counts, self.recorder.totals(),
-            None if self.watcher is None else self.watcher.recording(),
+            self.case.label, self.runs, self.case.episodes, self.steps, *self._seconds(), self.training.parameters,
+            self.counts, self.recorder.totals(), recording,
         )  # fmt: skip
 
 

@@ -21,13 +21,39 @@ _EXPECTED = ("constrained", "objective", "uncertified")
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """Each event that happened, with its number; a name without words of its own stands for itself."""
+    """Each event that happened, with its number; a name without words of its own stands for itself.
+
+    Parameters
+    ----------
+    counts
+        Of all runs, by event.
+
+    Returns
+    -------
+    str
+        Events with commas between them.
+    """
     told = ((name, count) for name, count in counts.items() if count and name not in _EXPECTED)
     return ", ".join(f"{count} {_EVENTS.get(name, name)}" for name, count in told)
 
 
 def handing_over(name: str, solver: Any, formulation: str) -> list[str]:
-    """One sentence if the solver of this name does not take the formulation, none otherwise."""
+    """One sentence if the solver of this name does not take the formulation, none otherwise.
+
+    Parameters
+    ----------
+    name
+        The solver's.
+    solver
+        Itself.
+    formulation
+        Of the step.
+
+    Returns
+    -------
+    list of str
+        One sentence or none.
+    """
     if formulation in cases(solver):
         return []
     return [

@@ -42,7 +42,18 @@ class SubproblemRecorder(Recorder):
 
 
 def join_recordings(recordings: Iterable[Recording | None]) -> Recording | None:
-    """One of all; None where nothing was recorded."""
+    """One of all; None where nothing was recorded.
+
+    Parameters
+    ----------
+    recordings
+        None where nothing was recorded.
+
+    Returns
+    -------
+    Recording or None
+        Of all, in their order.
+    """
     parts = [part for part in recordings if part is not None]
     return joined(parts) if parts else None
 
@@ -51,6 +62,18 @@ def write_subproblems(recordings: Iterable[Recording | None], directory: Path) -
     """The file, if there is a recording; and sentences on what it holds, and what it does not.
 
     A file has problems of one shape, the first training's: with a ridge they have m parameters more.
+
+    Parameters
+    ----------
+    recordings
+        One a training.
+    directory
+        For the file.
+
+    Returns
+    -------
+    list of str
+        Sentences.
     """
     parts = [part for part in recordings if part is not None]
     shape = next((part.jacobian.shape[1:] for part in parts if len(part)), None)

@@ -1,10 +1,8 @@
 """One training of a sweep: its settings and seed, what is recorded of it, and the key by which it is known."""
 
-import hashlib
-import json
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from traceback import format_exception_only
 from typing import Any
 
 import numpy as np
@@ -12,14 +10,13 @@ import numpy as np
 from cpgrl_opt.comparison.machine import versions
 from cpgrl_opt.solvers import SOLVERS
 
-from ..experiments.checkpoints import sources_digest
+from ..digest import digest_of, digest_of_text, sources_digest
+from ..endings import TERMINATED
 from ..training import TrainingRecord
-from .digest import digest_of
 
 TrainingFunction = Callable[..., Iterable[TrainingRecord]]
 Measure = Callable[[TrainingRecord], Mapping[str, Any]]
 OURS = ("seed", "run", "episode", "channel", "error")  # columns that are neither settings nor measures
-ENDED_BY_SIGNAL = (129, 143)  # SIGHUP, SIGTERM, as `exit_on_termination` raises them
 # Whose versions may change a number, beside those of the solvers' own packages: a training may choose any of them.
 _PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "qpsolvers")
 
@@ -38,7 +35,7 @@ class Outcome:
     """What was recorded of a cell.
 
     episodes: (E,); values: by name, (E, B, 1 + m) as lists, for the B runs of its training; error: what ended it early,
-    and `reached`, the episode before; seconds: on the wall, of no meaning for the numbers.
+    and `reached`, the episode before.
     """
 
     key: str
@@ -46,58 +43,58 @@ class Outcome:
     values: dict[str, list[Any]] = field(default_factory=dict)
     error: str = ""
     reached: int = 0
-    seconds: float = 0.0
-
-    def check(self) -> "Outcome":
-        """Itself; ValueError where it was not read from what is written of an outcome."""
-        numbers = isinstance(self.episodes, list) and all(isinstance(episode, int) for episode in self.episodes)
-        if not isinstance(self.key, str) or not numbers or not isinstance(self.values, dict) or not self.values:
-            raise ValueError(f"an outcome should have a key, episodes and values; found {self!r:.100}")
-        shape = {np.shape(values)[:1] for values in self.values.values()}
-        if shape != {(len(self.episodes),)} or any(np.ndim(values) != 3 for values in self.values.values()):
-            raise ValueError(f"values should be (episodes, runs, channels); found {self!r:.100}")
-        return self
 
 
 def carry_out(training: TrainingFunction, measure: Measure, every: int, cell: Cell) -> Outcome:
-    """Trains a cell, and records every so many episodes and the last; an exception is an outcome too."""
-    begun, reached = time.perf_counter(), 0
-    recorded: dict[int, dict[str, np.ndarray]] = {}
+    """Trains a cell, and records every so many episodes and the last; an exception is an outcome too.
+
+    Parameters
+    ----------
+    training, measure, every
+        As `sweep` says.
+    cell
+        Settings and seed.
+
+    Returns
+    -------
+    Outcome
+        With what was recorded, or with the error.
+    """
+    reached, recorded = 0, dict[int, dict[str, np.ndarray]]()
     try:
-        last = None
-        records = training(**cell.settings, seed=cell.seed)
-        if not isinstance(records, Iterable):
-            raise ValueError(f"a training should return records, as train returns them; found {records!r}")
-        for record in records:
+        for record in training(**cell.settings, seed=cell.seed):
             last, reached = record, record.episode
             if record.episode % every == 0:
                 recorded[record.episode] = _measure_record(measure, record)
-        if last is None:
+        if not reached:
             raise ValueError("a training should have one episode at least; found none")
         recorded.setdefault(reached, _measure_record(measure, last))
         values = _stack(recorded)
         if taken := [name for name in values if name in (*cell.settings, *OURS)]:
             raise ValueError(f"measure should have names of its own; found {', '.join(taken)}")
     except (Exception, SystemExit) as error:
-        if isinstance(error, SystemExit) and error.code in ENDED_BY_SIGNAL:
+        if isinstance(error, SystemExit) and error.code in TERMINATED:
             raise
-        return Outcome(cell.key, error=_in_words(error), reached=reached, seconds=_since(begun))
-    return Outcome(cell.key, list(recorded), values, reached=reached, seconds=_since(begun))
+        words = " ".join("".join(format_exception_only(error)).split())
+        return Outcome(cell.key, error=words, reached=reached)
+    return Outcome(cell.key, list(recorded), values, reached=reached)
 
 
 def outcome_of_dead(cell: Cell) -> Outcome:
-    """Of a training whose process ended without an answer."""
+    """Of a training whose process ended without an answer.
+
+    Parameters
+    ----------
+    cell
+        Whose process it was.
+
+    Returns
+    -------
+    Outcome
+        With an error.
+    """
     words = "its process was killed, or wanted more memory than there is, or ended itself; it was alone then"
     return Outcome(cell.key, error=f"WorkerDiedError: {words}")
-
-
-def _in_words(error: BaseException) -> str:
-    """In one line; its class alone where it has no words or cannot say them."""
-    try:
-        words = str(error)
-    except Exception as broken:
-        words = f"its text raises {type(broken).__name__}"
-    return " ".join(f"{type(error).__name__}: {words}".split()).removesuffix(":")
 
 
 def _measure_record(measure: Measure, record: TrainingRecord) -> dict[str, np.ndarray]:
@@ -118,22 +115,50 @@ def _stack(recorded: Mapping[int, Mapping[str, np.ndarray]]) -> dict[str, list[A
     return {name: values.tolist() for name, values in stacked.items()}
 
 
-def _since(begun: float) -> float:
-    return round(time.perf_counter() - begun, 3)
-
-
 def keys_of(settings: Mapping[str, Any], seeds: Iterable[int], context: str) -> list[str]:
-    """For each seed, a digest of what a cell's numbers depend on; context: of `context_of`."""
-    made_of = [[name, digest_of(value, f"settings[{name!r}]")] for name, value in sorted(settings.items())]
-    return [_digest([made_of, seed, context]) for seed in seeds]
+    """For each seed, a digest of what a cell's numbers depend on; context: of `context_of`.
+
+    Parameters
+    ----------
+    settings
+        By name.
+    seeds
+        A key for each.
+    context
+        Of `context_of`.
+
+    Returns
+    -------
+    list of str
+        16 hexadecimal digits each.
+
+    Raises
+    ------
+    ValueError
+        For settings that cannot be pickled.
+    """
+    made_of = [f"{name} {digest_of(value, f'settings[{name!r}]')}" for name, value in sorted(settings.items())]
+    return [digest_of_text(*made_of, str(seed), context) for seed in seeds]
 
 
 def context_of(training: TrainingFunction, measure: Measure, every: int) -> str:
-    """A digest of what all cells of a sweep depend on: both functions and all they reach, packages, `every`."""
+    """A digest of what all cells of a sweep depend on: both functions and all they reach, packages, `every`.
+
+    Parameters
+    ----------
+    training, measure, every
+        As `sweep` says.
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
+
+    Raises
+    ------
+    ValueError
+        For functions that hold what cannot be pickled.
+    """
     packages = dict.fromkeys([*_PACKAGES, *(str(getattr(solver, "package", "")) for solver in SOLVERS.values())])
-    functions = [digest_of(training, "training"), digest_of(measure, "measure")]
-    return _digest([functions, every, versions(packages), sources_digest()])
-
-
-def _digest(facts: object) -> str:
-    return hashlib.sha256(json.dumps(facts).encode(errors="surrogateescape")).hexdigest()[:16]
+    functions = digest_of(training, "training"), digest_of(measure, "measure")
+    return digest_of_text(*functions, str(every), str(versions(packages)), sources_digest())

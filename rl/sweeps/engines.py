@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -106,7 +106,7 @@ def _in_workers(task: Callable[[Any], Any], items: Sequence[Any], engine: str, j
     from joblib import Parallel, delayed, parallel_config
 
     with ExitStack() as stack:
-        stack.enter_context(ENGINES[engine](jobs))
+        stack.enter_context(ENGINES[engine][1](jobs))
         chosen: dict[str, Any] = {"n_jobs": -1}  # as many as the cluster has
         if engine == "loky":
             chosen = {"n_jobs": jobs, "initializer": _leave_ctrl_c_to, "initargs": (os.getpid(),)}
@@ -123,11 +123,6 @@ def _leave_ctrl_c_to(parent: int) -> None:
     """A terminal sends it to all; the parent ends its workers, which would print a traceback each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(parent)
-
-
-@contextmanager
-def _loky(jobs: int) -> Iterator[None]:  # noqa: ARG001 - like the others
-    yield
 
 
 @contextmanager
@@ -164,14 +159,27 @@ def _ray(jobs: int) -> Iterator[None]:
             ray.shutdown()
 
 
-ENGINES: dict[str, Callable[[int], AbstractContextManager[None]]] = {"loky": _loky, "dask": _dask, "ray": _ray}
-_PACKAGES = {"loky": "joblib", "dask": "distributed", "ray": "ray"}
+# By name: the package, and where its workers come from.
+ENGINES: dict[str, tuple[str, Callable[[int], AbstractContextManager[None]]]] = {
+    "loky": ("joblib", lambda _: nullcontext()), "dask": ("distributed", _dask), "ray": ("ray", _ray),
+}  # fmt: skip
 
 
 def require_engine(engine: str, jobs: int) -> None:
-    """What `map_unordered` raises, before anything is done."""
+    """What `map_unordered` raises, before anything is done.
+
+    Parameters
+    ----------
+    engine, jobs
+        As `map_unordered` says.
+
+    Raises
+    ------
+    ValueError, MissingEngineError
+        See there.
+    """
     require_count("jobs", jobs)
-    require_member("engine", engine, tuple(ENGINES))
-    if find_spec(_PACKAGES[engine]) is None:
+    require_member("engine", engine, ENGINES)
+    if find_spec(ENGINES[engine][0]) is None:
         words = f"engine {engine!r} needs a package that is not installed; type: pip install 'cpgrl-opt[{engine}]'"
         raise MissingEngineError(words)

@@ -1,7 +1,7 @@
 """`rl.sweep`: a training for each of many settings and seeds, in one tidy table."""
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -16,11 +16,25 @@ from ..streams import run_indices
 from ..training import TrainingRecord
 from .cell import OURS, Cell, Measure, Outcome, TrainingFunction, carry_out, context_of, keys_of, outcome_of_dead
 from .engines import map_unordered, require_engine
-from .store import plain, rows_of, store
+from .store import Store, plain, rows_of, store
+
+Settings = Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]]
+Listener = Callable[[int, int, Outcome], object]
 
 
 def estimates(record: TrainingRecord) -> dict[str, Any]:
-    """ρ as the estimator carries it, (B, 1 + m), under the name `value`."""
+    """ρ as the estimator carries it, (B, 1 + m), under the name `value`.
+
+    Parameters
+    ----------
+    record
+        Of a training.
+
+    Returns
+    -------
+    dict
+        `value`, (B, 1 + m).
+    """
     return {"value": record.estimate.values}
 
 
@@ -43,7 +57,7 @@ class Sweep:
 
 def sweep(
     training: TrainingFunction,
-    settings: Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]],
+    settings: Settings,
     *,
     seeds: int | Sequence[int] = 5,
     every: int = 100,
@@ -52,7 +66,7 @@ def sweep(
     anew: bool = False,
     engine: str = "loky",
     jobs: int = 1,
-    listen: Callable[[int, int, Outcome], object] | None = None,
+    listen: Listener | None = None,
 ) -> Sweep:
     """training(**settings, seed=seed) for all settings and seeds; the rows do not depend on engine and jobs.
 
@@ -96,64 +110,85 @@ def sweep(
     FolderInUseError, MissingEngineError
         See there.
     """
-    cells = plan(training, settings, seeds=seeds, every=every, measure=measure, engine=engine, jobs=jobs)
+    plan = Plan.of(training, settings, seeds=seeds, every=every, measure=measure, engine=engine, jobs=jobs)
     with store(None if out is None else Path(out), anew=anew) as kept:
-        missing = [cell for cell in cells if cell.key not in kept.found]
-        ended = dict(kept.found)
-        done = len(cells) - len(missing)
-        task = partial(carry_out, training, measure, every)
-        for outcome in map_unordered(task, missing, outcome_of_dead, engine=engine, jobs=jobs):
+        return plan.carry_out(kept, listen)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is trained, in the order of the table: task(cell) → its outcome, by jobs of an engine."""
+
+    cells: Sequence[Cell]
+    task: Callable[[Cell], Outcome]
+    engine: str
+    jobs: int
+
+    @classmethod
+    def of(
+        cls, training: TrainingFunction, settings: Settings, *, seeds: int | Sequence[int], every: int,
+        measure: Measure, engine: str, jobs: int,
+    ) -> "Plan":  # fmt: skip
+        """Raises what `sweep` raises before it trains."""
+        require_count("every", every)
+        require_engine(engine, jobs)
+        points = combinations(settings)
+        _require_taken(training, points[0])
+        if len({tuple(map(plain, point.values())) for point in points}) < len(points):
+            raise ValueError(
+                "settings should differ in the table, in numbers, texts, names or classes; found two alike in "
+                f"{settings!r:.200}"
+            )
+        numbers, context = run_indices(seeds, "seeds"), context_of(training, measure, every)
+        cells = [
+            Cell(point, seed, key)
+            for point in points
+            for seed, key in zip(numbers, keys_of(point, numbers, context), strict=True)
+        ]
+        return cls(cells, partial(carry_out, training, measure, every), engine, jobs)
+
+    def carry_out(self, kept: Store, listen: Listener | None = None) -> Sweep:
+        """Trains what is not kept, and writes the table."""
+        missing = [cell for cell in self.cells if cell.key not in kept.found]
+        ended, done = dict(kept.found), len(self.cells) - len(missing)
+        for outcome in map_unordered(self.task, missing, outcome_of_dead, engine=self.engine, jobs=self.jobs):
             kept.add(outcome)
             ended[outcome.key], done = outcome, done + 1
             if listen is not None:
-                listen(done, len(cells), outcome)
-        names = list(dict.fromkeys(name for cell in cells for name in ended[cell.key].values))
-        columns = [*cells[0].settings, "seed", "run", "episode", "channel", *names, "error"]
-        rows = [row for cell in cells for row in rows_of(cell, ended[cell.key], names)]
-        kept.write(columns, rows)
-    return Sweep(columns, rows, len(missing))
-
-
-def plan(
-    training: TrainingFunction,
-    settings: Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]],
-    *,
-    seeds: int | Sequence[int],
-    every: int,
-    measure: Measure = estimates,
-    engine: str = "loky",
-    jobs: int = 1,
-) -> list[Cell]:
-    """What `sweep` trains, in the order of its table; raises what `sweep` does before it trains."""
-    require_count("every", every)
-    require_engine(engine, jobs)
-    points = combinations(settings)
-    _require_taken(training, points)
-    context = context_of(training, measure, every)
-    numbers = list(_seeds(seeds))
-    cells = [
-        Cell(point, seed, key)
-        for point in points
-        for seed, key in zip(numbers, keys_of(point, numbers, context), strict=True)
-    ]
-    if len({tuple(map(plain, point.values())) for point in points}) < len(points):
-        raise ValueError(
-            "settings should differ in the table, in numbers, texts, names or classes; found two alike in "
-            f"{settings!r:.200}"
-        )
-    return cells
+                listen(done, len(self.cells), outcome)
+        measured = dict.fromkeys(name for cell in self.cells for name in ended[cell.key].values)
+        names = list(measured) or ["value"]  # where every training ended with an error
+        rows = [row for cell in self.cells for row in rows_of(cell, ended[cell.key], names)]
+        kept.write(list(rows[0]), rows)
+        return Sweep(list(rows[0]), rows, len(missing))
 
 
 def combinations(settings: Any) -> list[dict[str, Any]]:
-    """Of `settings` as `sweep` takes it; ValueError unless all have the same names."""
+    """Of `settings` as `sweep` takes it; ValueError unless all have the same names.
+
+    Parameters
+    ----------
+    settings
+        As `sweep` takes it.
+
+    Returns
+    -------
+    list of dict
+        All of the same names.
+
+    Raises
+    ------
+    ValueError
+        For others.
+    """
     if isinstance(settings, Mapping):
-        settings = {name: _listed(values) for name, values in settings.items()}
+        settings = {name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in settings.items()}
         for name, values in settings.items():
             if isinstance(values, str) or not isinstance(values, Sequence) or not values:
                 raise ValueError(f"settings[{name!r}] should be a list of values, one at least; found {values!r}")
-        points = [dict(zip(settings, values, strict=True)) for values in product(*settings.values())]
-    else:
-        points = [dict(point) for point in settings] if _is_listed(settings) else []
+        settings = [dict(zip(settings, values, strict=True)) for values in product(*settings.values())]
+    is_listed = isinstance(settings, Sequence) and all(isinstance(point, Mapping) for point in settings)
+    points = [dict(point) for point in settings] if is_listed else []
     if not points or any(list(point) != list(points[0]) for point in points):
         raise ValueError(f"settings should be lists by name, or dicts of the same names; found {settings!r}")
     if taken := [name for name in points[0] if name in OURS]:
@@ -161,26 +196,11 @@ def combinations(settings: Any) -> list[dict[str, Any]]:
     return points
 
 
-def _listed(values: Any) -> Any:
-    return values.tolist() if isinstance(values, np.ndarray) else values
-
-
-def _is_listed(settings: Any) -> bool:
-    return isinstance(settings, Sequence) and all(isinstance(point, Mapping) for point in settings)
-
-
-def _require_taken(training: Any, points: Sequence[Mapping[str, Any]]) -> None:
+def _require_taken(training: Any, point: Mapping[str, Any]) -> None:
     if not callable(training):
         raise ValueError(f"training should be a function of the settings and a seed; found {training!r}")
     try:
-        inspect.signature(training).bind(**points[0], seed=0)
+        inspect.signature(training).bind(**point, seed=0)
     except TypeError as error:
-        names = ", ".join([*map(str, points[0]), "seed"])
+        names = ", ".join([*map(str, point), "seed"])
         raise ValueError(f"training should take {names}: {error}") from error
-
-
-def _seeds(seeds: int | Sequence[int]) -> Iterator[int]:
-    try:
-        return iter(run_indices(seeds))
-    except ValueError as error:
-        raise ValueError(str(error).replace("runs should", "seeds should")) from error

@@ -107,8 +107,8 @@ def test_it_goes_on_where_it_was_stopped_in_other_processes_too(finished, tmp_pa
 
     heard = []
 
-    def stop(advance):
-        heard.append(advance)
+    def stop(*message):
+        heard.append(message)
         if len(heard) == 5:
             raise StopError
 
@@ -120,7 +120,7 @@ def test_it_goes_on_where_it_was_stopped_in_other_processes_too(finished, tmp_pa
 
 
 def test_the_command_has_its_settings_as_options(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("rl.experiments.registry.EXPERIMENTS", {"grid": (__name__, "GridExperiment")})
+    monkeypatch.setattr("rl.experiments.registry.EXPERIMENTS", {"grid": f"{__name__}:GridExperiment"})
     told = CliRunner().invoke(app, ["reproduce", "--help"], env={"COLUMNS": "200"})
     assert GridExperiment.about in told.stdout
     options = ["--runs", "2", "--episodes", "40", "--record-every", "10", "--record", "20", "--jobs", "1"]

@@ -71,22 +71,22 @@ def test_a_path_begins_at_its_start_moves_as_the_arm_and_ends_at_what_it_touched
     assert (path.touched, len(path.angles)) == ("none", 6)
 
 
-def test_the_typical_path_has_median_length_among_those_that_end_as_most_do(monkeypatch):
+def test_the_typical_path_has_median_length_and_the_typical_run_is_nearest_to_the_mean(monkeypatch):
+    learned = curves(runs=3)
+    learned.touches[:] = np.array([[100, 0, 0, 0, 0], [60, 0, 40, 0, 0], [30, 0, 70, 0, 0]])[:, None]
+    assert typical_run(learned) == 1
     lengths = iter([40, 3, 9, 41, 4, 8, 42, 5, 7, 43, 6, 44, 10, 45, 11])
     made = (ArmPath(np.zeros((length, 2)), "square" if length < 40 else "star") for length in lengths)
     monkeypatch.setattr("rl.experiments.arm.paths.arm_path", lambda *_: next(made))
     path = typical_path(ARM, arm_policy(ARM), STARTS[0], np.random.default_rng(0))
-    assert (path.touched, len(path.angles)) == ("square", 7)
+    assert (path.touched, len(path.angles)) == ("square", 7)  # of those that end as most do
 
 
-def test_ends_from_all_around_are_counted_per_hundred_episodes_and_the_typical_run_is_nearest_to_the_mean():
+def test_ends_from_all_around_are_counted_per_hundred_episodes():
     ends = count_touches(ARM, [homing()], STARTS, np.random.default_rng(1))
     assert list(ends) == [*ARM.events, "none"]
     assert ends["square"] >= 70
     assert sum(ends.values()) == pytest.approx(100)
-    learned = curves(runs=3)
-    learned.touches[:] = np.array([[100, 0, 0, 0, 0], [60, 0, 40, 0, 0], [30, 0, 70, 0, 0]])[:, None]
-    assert typical_run(learned) == 1
 
 
 def test_fig7_shows_means_bands_and_paths():
@@ -108,21 +108,16 @@ def test_fig7_shows_means_bands_and_paths():
 
 
 def test_fig6_shows_mesh_objects_and_the_intrinsic_reward():
-    figure = workspace_figure(ARM)
-    left, right = figure.axes[:2]
-    drawn = [line.get_xydata() for line in left.get_lines()]
-    mesh = ARM.reachable_mesh(25)
-    assert any(np.array_equal(mesh[7], line) for line in drawn)
-    assert any(np.array_equal(mesh[:, 7], line) for line in drawn)
-    for thing in ARM.objects:
-        assert any(np.array_equal([thing.position], line) for line in drawn)
+    left, right = workspace_figure(ARM).axes[:2]
+    drawn, mesh = [line.get_xydata() for line in left.get_lines()], ARM.reachable_mesh(25)
+    for wanted in (mesh[7], mesh[:, 7], *([thing.position] for thing in ARM.objects)):
+        assert any(np.array_equal(wanted, line) for line in drawn)
     image = right.get_images()[0]
     x0, x1, y0, y1 = image.get_extent()
-    values = image.get_array()
-    rows, columns = values.shape
+    rows, columns = image.get_array().shape
     for x, y in ((0.58, 1.56), (-0.04, 1.3), (1.0, 0.3)):
-        shown = values[round((y - y0) / (y1 - y0) * (rows - 1)), round((x - x0) / (x1 - x0) * (columns - 1))]
-        assert shown == pytest.approx(float(ARM.intrinsic_reward([x, y])), abs=0.02)
+        place = round((y - y0) / (y1 - y0) * (rows - 1)), round((x - x0) / (x1 - x0) * (columns - 1))
+        assert image.get_array()[place] == pytest.approx(float(ARM.intrinsic_reward([x, y])), abs=0.02)
 
 
 def test_the_animation_plays_every_episode_in_real_time_and_repeats(tmp_path):

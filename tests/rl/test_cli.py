@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 from cpgrl_opt import FORMULATIONS, SOLVERS
 from rl import DivergenceError
 from rl.cli import app
-from rl.experiments.checkpoints import FOLDER
 from rl.experiments.runner import files_of
 from rl.experiments.three_state import METHODS, ThreeStateExperiment
 from rl.experiments.workers import WorkerDiedError
@@ -20,6 +19,10 @@ from rl.experiments.workers import WorkerDiedError
 FILES = files_of(ThreeStateExperiment)
 COMPARISON = {name for name in FILES if name.startswith(("comparison", "tolerances"))}
 TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
+
+
+def words(line):
+    return line.split(",")
 
 
 def cpgrl(*arguments):
@@ -59,18 +62,12 @@ def finished(tmp_path_factory):
     return cpgrl("reproduce", "three-state", *TINY, "--record", 30, "--out", out), out
 
 
-def test_a_small_reproduction_prints_claims_speed_and_where_it_wrote(finished):
+def test_a_small_reproduction_says_what_it_found_and_leaves_other_files(finished):
     result, out = finished
     assert result.exit_code == 0, result.output
-    assert "claims hold" in result.stdout
-    assert "steps/s" in result.stdout
-    assert str(out) in result.stdout.replace("\n", "")
-    assert "subproblems.npz holds" in result.stdout
+    for words in ("claims hold", "steps/s", "subproblems.npz holds", str(out)):
+        assert words in result.stdout.replace("\n", "")
     assert not result.stderr  # no progress bar without a terminal
-
-
-def test_results_of_an_earlier_run_are_replaced_and_other_files_left(finished):
-    _, out = finished
     assert {path.name for path in out.iterdir()} == {*FILES, "notes.txt"} - COMPARISON
     assert (out / "notes.txt").read_text(encoding="utf-8") == "mine"
     assert isinstance(json.loads((out / "claims.json").read_text(encoding="utf-8")), list)
@@ -85,29 +82,30 @@ def test_strict_exits_with_1_when_a_claim_fails(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "names"),
+    ("arguments", "near"),
     [
-        (["reproduc"], ["reproduce", "solvers"]),
-        (["reproduce", "three-states"], ["three-state"]),
-        (["reproduce", "three-state", "--solver", "rosn"], list(SOLVERS)),
+        (["reproduc"], "reproduce"),
+        (["reproduce", "three-states"], "three-state"),
+        (["reproduce", "three-state", "--solver", "rosn"], "rosen"),
+        (["compare", "--families", "opposing-1e-44"], "opposing-1e-4"),
+        (["compare", "--solvers", "activeset"], "active-set"),
+        (["sweep", "three-state", "--engine", "lokky"], "loky"),
     ],
 )
-def test_a_wrong_name_is_answered_with_the_right_ones(arguments, names, tmp_path):
-    result = cpgrl(*arguments, *(["--out", tmp_path] if len(arguments) > 2 else []))
+def test_a_wrong_name_is_answered_with_the_right_ones_and_the_nearest(arguments, near, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = cpgrl(*arguments)
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1  # one line, no traceback
-    for name in names:
-        assert name in result.stderr
-    assert repr(arguments[-1]) in result.stderr
+    assert f"found {arguments[-1]!r}; the nearest is {near!r}" in result.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("option", "value"),
     [
-        ("--runs", 0),
         ("--runs", 10**12),
         ("--steps", 10**23),
-        ("--seed", -1),
         ("--jobs", -1),
     ],
 )
@@ -134,11 +132,9 @@ def test_a_crash_leaves_what_was_recorded_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr("rl.experiments.three_state.ThreeStateExperiment.claims", crash)
     result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
     assert isinstance(result.exception, RuntimeError)
-    assert (
-        "learning.csv holds cpgrl to episode 20, conb to episode 20, sum to episode 20, conb-tolerant to"
-        in result.stderr
-    )
-    assert (tmp_path / "learning.csv").read_text(encoding="utf-8").count("\n") == 1 + 4 * 2 * 3
+    (place,) = tmp_path.iterdir()
+    assert result.stderr == f"{place} keeps what was trained; the same command goes on from there.\n"
+    assert (place / "learning.csv").read_text(encoding="utf-8").count("\n") == 1 + 4 * 2 * 3
 
 
 FAILURES = [
@@ -182,30 +178,21 @@ def test_ctrl_c_while_a_command_imports_is_one_line(monkeypatch):
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to a process on Windows")
 @pytest.mark.parametrize(("number", "jobs"), [(signal.SIGTERM, "1"), (signal.SIGINT, "2")])
 def test_ctrl_c_and_a_request_to_end_leave_what_was_recorded_and_say_so(tmp_path, jobs, number, start_cpgrl):
-    earlier = jobs == "2"
-    out, place = tmp_path, tmp_path / "unfinished" if earlier else tmp_path
-    if earlier:
-        (out / "claims.json").write_text("of an earlier run", encoding="utf-8")
+    (tmp_path / "claims.json").write_text("of an earlier run", encoding="utf-8")
     endless = ["--runs", 2, "--episodes", 100_000_000, "--record-every", 10]
     process = start_cpgrl("reproduce", "three-state", *endless, "--jobs", jobs, "--out", tmp_path)
-    path = place / "learning.csv"
     until = time.monotonic() + 300
     while time.monotonic() < until and process.poll() is None:
-        if path.exists() and path.read_text(encoding="utf-8").count("\n") > 20:
+        if any(path.read_text(encoding="utf-8").count("\n") > 20 for path in tmp_path.glob("*/learning.csv")):
             break
         time.sleep(0.05)
     os.killpg(process.pid, number)  # as a terminal does, and `timeout`: to the group of the command
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 128 + number, errors
-    assert "Interrupted" in errors
-    assert " to episode " in errors
-    assert "Traceback" not in errors
-    keys = [line.split(",")[:3] for line in path.read_text(encoding="utf-8").splitlines()[1:]]
-    found = [(METHODS.index(method), int(run), int(episode)) for method, run, episode in keys]
+    (place,) = tmp_path.glob("unfinished*")
+    assert errors == f"Interrupted. {place} keeps what was trained; the same command goes on from there.\n"
+    lines = (place / "learning.csv").read_text(encoding="utf-8").splitlines()[1:]
+    found = [(METHODS.index(method), int(run), int(episode)) for method, run, episode, *_ in map(words, lines)]
     assert len(found) >= 20
     assert found == sorted(found)
-    assert {path.name for path in place.iterdir()} == {"learning.csv", FOLDER}
-    assert str(path) in errors
-    if earlier:
-        assert "earlier results" in errors
-        assert (out / "claims.json").read_text(encoding="utf-8") == "of an earlier run"
+    assert (tmp_path / "claims.json").read_text(encoding="utf-8") == "of an earlier run"

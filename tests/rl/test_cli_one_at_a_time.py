@@ -2,17 +2,13 @@
 
 import os
 import signal
-import threading
 import time
 
 import pytest
 from typer.testing import CliRunner
 
-from cpgrl_opt.comparison.command import Request, compare
-from cpgrl_opt.comparison.folder_lock import LOCK, FolderInUseError, locked_folder
+from cpgrl_opt.comparison.folder_lock import LOCK
 from rl.cli import app
-from rl.experiments.checkpoints import FOLDER
-from rl.experiments.results_directory import results_directory
 
 TINY = ["--runs", "2", "--episodes", "20", "--steps", "20", "--record-every", "10", "--jobs", "1"]
 
@@ -27,7 +23,7 @@ def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpg
     endless = ["--runs", 2, "--episodes", 100_000_000, "--record-every", 10, "--jobs", 1]
     first = start_cpgrl("reproduce", "three-state", *endless, "--out", tmp_path)
     until = time.monotonic() + 300
-    while not (tmp_path / "learning.csv").exists() and first.poll() is None and time.monotonic() < until:
+    while not list(tmp_path.glob("*/learning.csv")) and first.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
     for command in (
         ["reproduce", "three-state", *TINY, "--seed", 1],
@@ -39,7 +35,7 @@ def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpg
         assert second.stderr.startswith(f"cpgrl: {tmp_path} is being written to by 'cli.py reproduce three-state")
         assert f"process {first.pid} on" in second.stderr
         assert second.stderr.count("\n") == 1
-    assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", FOLDER, LOCK}
+    assert {path.name.partition("-")[0] for path in tmp_path.iterdir()} == {"unfinished", LOCK.partition("-")[0]}
     os.killpg(first.pid, signal.SIGKILL)
     first.communicate(timeout=60)
     again = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
@@ -56,21 +52,3 @@ def test_the_folder_is_held_until_the_last_file_is_there(tmp_path, monkeypatch):
     assert result.exit_code == 0, result.stderr
     assert seen == [True]
     assert not (tmp_path / LOCK).exists()
-
-
-def test_the_functions_behind_the_commands_refuse_too(tmp_path):
-    refused = []
-
-    def enter():
-        with pytest.raises(FolderInUseError), results_directory(tmp_path, ["learning.csv"]):
-            pass
-        with pytest.raises(FolderInUseError):
-            compare(Request(quick=True, solvers=["active-set"]), tmp_path)
-        refused.append(True)
-
-    with locked_folder(tmp_path):
-        thread = threading.Thread(target=enter)
-        thread.start()
-        thread.join()
-        assert {path.name for path in tmp_path.iterdir()} == {LOCK}
-    assert refused == [True]

@@ -15,7 +15,7 @@ from rl import CPGRL, KondaActorCritic, NormalizedGaussianNetwork, SoftmaxTable,
 from rl import uniform_parameters as uniform
 from rl.experiments.arm import ArmExperiment
 from rl.experiments.arm.conditions import CONDITIONS
-from rl.experiments.messages import Block, Tick
+from rl.experiments.messages import Block
 from rl.experiments.records import Records
 from rl.experiments.records import train as train_all
 from rl.experiments.runner import draw, files_of, remarks, reproduce
@@ -74,18 +74,13 @@ def share(settings, label, runs):
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_every_file_is_written_and_nothing_else(finished, name):
+def test_every_file_is_written_and_learning_csv_is_tidy_sorted_and_complete(finished, name):
     done, directory = finished(name)
     wanted = {file for file in files_of(SMALL[name]) if not file.startswith(COMPARED)}
     assert {path.name for path in directory.iterdir()} == wanted
     claims = read(directory / "claims.json")
     assert [(claim["id"], claim["holds"]) for claim in claims] == [(claim.id, claim.holds) for claim in done.claims]
-
-
-@pytest.mark.parametrize("name", SMALL)
-def test_learning_csv_is_tidy_sorted_and_complete(finished, name):
-    table = rows(finished(name)[1])
-    key, *columns = COLUMNS[name]
+    table, (key, *columns) = rows(directory), COLUMNS[name]
     assert list(table[0]) == [key, "run", "episode", *columns]
     keys = [(row[key], int(row["run"]), int(row["episode"])) for row in table]
     assert keys == [
@@ -126,8 +121,7 @@ def test_three_states_files_hold_what_the_claims_are_judged_by(finished):
     done, directory = finished("three-state")
     curves, methods = done.results.curves, read(directory / "summary.json")["methods"]
     table = np.array([[float(row[name]) for name in AVERAGES] for row in rows(directory)])
-    values = table.reshape(len(METHODS), 5, -1, 2, 4)
-    for method, own in zip(METHODS, values, strict=True):
+    for method, own in zip(METHODS, table.reshape(len(METHODS), 5, -1, 2, 4), strict=True):
         learned, final = curves[method], methods[method]["final"]
         np.testing.assert_allclose(own[:, :, 0], learned.estimated, rtol=1e-8, atol=1e-12)
         np.testing.assert_allclose(own[:, :, 1], learned.exact, rtol=1e-8, atol=1e-12)
@@ -156,7 +150,7 @@ def test_three_states_first_row_is_before_any_update_and_its_last_after_all(tmp_
 
 def test_the_arms_picture_shows_at_a_small_size(finished):
     done, directory = finished("arm")
-    curves, summary = done.results.curves, read(directory / "summary.json")
+    curves, c = done.results.curves, read(directory / "summary.json")["conditions"]["c"]
 
     def rates(name, first, last):
         return curves[name].within(first, last).mean_rates()
@@ -166,19 +160,15 @@ def test_the_arms_picture_shows_at_a_small_size(finished):
     free, zero = rates("a", 200, 450)["square"], rates("b", 200, 450)["square"]
     for name in ("c", "c-episode", "c-feasible", "c-no-projection"):
         assert rates(name, 200, 450)["square"] > max(45, 1.2 * zero, 1.5 * free)
-        assert rates(name, 200, 450)["none"] < 20
     assert curves["a"].late().outside().mean() > 3 * curves["b"].late().outside().mean()  # G² = 0 is kept
-    holds = {claim.id: claim.holds for claim in done.claims}
-    assert len(holds) == 13
-    assert holds["c-threshold-out-of-reach"]
-    assert holds["b-touches-star-early"]
-    assert holds["a-learns-touching"]
-    assert summary["conditions"]["c"]["counts"]["capped"] > 0.6 * summary["conditions"]["c"]["updates"]  # G³ is far off
-    assert summary["conditions"]["c"]["thresholds"] == [0.0, 0.5]
-    assert summary["safeguards"]["ridge"] == 1e-4
+    holds = {claim.id for claim in done.claims if claim.holds}
+    assert len(done.claims) == 13
+    assert {"c-threshold-out-of-reach", "b-touches-star-early", "a-learns-touching"} <= holds
+    assert c["counts"]["capped"] > 0.6 * c["updates"]  # G³ is far off
+    assert c["thresholds"] == [0.0, 0.5]
     told = " ".join(remarks(done))
-    for words in ("our additions: ridge = 0.0001, max_restoration = 0.1, drop = never", "restorations shortened"):
-        assert words in told
+    assert "our additions: ridge = 0.0001, max_restoration = 0.1, drop = never" in told
+    assert "restorations shortened" in told
 
 
 def test_blocks_count_the_episodes_of_training(tmp_path):
@@ -224,12 +214,6 @@ def test_a_solver_that_does_not_take_the_formulation_is_told_plainly(tmp_path, m
         (ThreeStateExperiment, {"runs": 0}, "runs should be"),
         (ThreeStateExperiment, {"solver": "rosn"}, "rosen"),
         (ThreeStateExperiment, {"compare_solvers": ["rosn"], "compare": True}, "solver should be .*'rosn'"),
-        (ThreeStateExperiment, {"compare_formulations": ["cones"]}, "formulation should be one of equality, .*'cones'"),
-        (
-            ThreeStateExperiment, {"compare": True, "compare_solvers": ["rosen"], "compare_formulations": ["cone"]},
-            "a solver should take one of the formulations",
-        ),
-        (ThreeStateExperiment, {"compare_episodes": 0}, "compare_episodes should be"),
     ],
 )  # fmt: skip
 def test_wrong_settings_are_told_the_right_ones(kind, wrong, message):
@@ -245,16 +229,14 @@ def test_figures_of_ours_stand_alone_where_nothing_of_the_papers_was_trained(tmp
     assert {path.name for path in tmp_path.glob("fig*")} == {"fig6", "fig7", "fig7.gif"}
 
 
-def test_progress_calls_recorded_only_what_the_file_holds_of_every_run(tmp_path):
+def test_progress_is_that_of_the_run_that_is_least_far(tmp_path):
     def block(runs, episode):
         touches, rate = np.full((len(runs), 5), 2), np.ones(len(runs))
         return Block("b", runs, episode, {"touches": touches, "violation": rate, "length": rate})
 
-    messages = Tick("b", (2,), 4), block((0, 1), 10), block((2,), 10), Tick("b", (2,), 17), Tick("a", (0,), 3)
+    messages = Block("b", (2,), 4), block((0, 1), 10), block((2,), 10), Block("b", (2,), 17), Block("a", (0,), 3)
     with Records(ArmExperiment(runs=3, record_every=10), tmp_path) as records:
-        heard = [records.hear(message) for message in messages]
-    told = [(advance.label, advance.episode, advance.recorded) for advance in heard]
-    assert told == [("b", 0, False), ("b", 4, False), ("b", 10, True), ("b", 10, False), ("a", 0, False)]
+        assert [records.hear(message) for message in messages] == [0, 4, 10, 10, 0]
     assert [row["run"] for row in rows(tmp_path)] == ["0", "1", "2"]
 
 

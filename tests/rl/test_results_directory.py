@@ -1,10 +1,13 @@
-"""Finished results outlive an interrupted run; a finished run replaces them whole."""
+"""Finished results outlive an interrupted run; a finished run replaces them whole; a directory has one writer."""
 
+import threading
 from contextlib import suppress
 
 import pytest
 
-from rl.experiments.results_directory import place_for, results_directory
+from cpgrl_opt.comparison.command import Request, compare
+from cpgrl_opt.comparison.folder_lock import LOCK, FolderInUseError, locked_folder
+from rl.experiments.results_directory import parts_of, results_directory
 
 FILES = ("learning.csv", "fig.png", "summary.json")
 
@@ -14,26 +17,26 @@ def contents(directory):
     return {path.relative_to(directory).as_posix(): path.read_text(encoding="utf-8") for path in files}
 
 
-def run(directory, text, *, names=FILES, until=None):
-    """Writes these files, and is interrupted after `until` of them."""
-    with suppress(KeyboardInterrupt), results_directory(directory, FILES) as place:
+def run(directory, key, *, names=FILES, until=None, **options):
+    """Writes the key into these files, and is interrupted after `until` of them; where it worked."""
+    with suppress(KeyboardInterrupt), results_directory(directory, FILES, key, **options) as place:
         for position, name in enumerate(names):
             if position == until:
                 raise KeyboardInterrupt
-            (place / name).write_text(text, encoding="utf-8")
+            (place / name).write_text(key, encoding="utf-8")
+    return place
 
 
-def test_a_new_directory_is_written_into_at_once(tmp_path):
-    run(tmp_path / "a" / "b", "1", until=1)
-    assert contents(tmp_path / "a" / "b") == {"learning.csv": "1"}
-
-
-def test_an_interrupted_run_leaves_the_finished_one_and_keeps_its_own_beside_it(tmp_path):
-    run(tmp_path, "old")
-    run(tmp_path, "new", until=1)
-    run(tmp_path, "newer", until=1)
-    old = dict.fromkeys(FILES, "old")
-    assert contents(tmp_path) == {**old, "unfinished/learning.csv": "new", "unfinished-2/learning.csv": "newer"}
+def test_interrupted_runs_leave_the_finished_one_and_each_keeps_its_own_beside_it(tmp_path):
+    run(tmp_path / "a", "old")
+    run(tmp_path / "a", "new", until=1)
+    place = run(tmp_path / "a", "newer", until=1, parts=3)
+    old, mine = dict.fromkeys(FILES, "old"), {"unfinished-new-1/learning.csv": "new"}
+    assert contents(tmp_path / "a") == {**old, **mine, "unfinished-newer-3/learning.csv": "newer"}
+    assert place == run(tmp_path / "a", "newer", until=0, parts=2), "it goes on where it was"
+    assert parts_of(place) == 3
+    run(tmp_path / "a", "newer", until=0, anew=True)
+    assert contents(tmp_path / "a") == {**old, **mine}, "a run that wrote nothing leaves no folder"
 
 
 def test_a_finished_run_replaces_the_earlier_one_whole_and_nothing_else(tmp_path):
@@ -42,12 +45,6 @@ def test_a_finished_run_replaces_the_earlier_one_whole_and_nothing_else(tmp_path
     run(tmp_path, "new", names=("learning.csv", "summary.json"))
     assert contents(tmp_path) == {"learning.csv": "new", "summary.json": "new", "notes.txt": "mine"}
     assert {path.name for path in tmp_path.iterdir()} == {"learning.csv", "summary.json", "notes.txt"}
-
-
-def test_a_run_that_wrote_nothing_leaves_no_folder(tmp_path):
-    run(tmp_path, "old")
-    run(tmp_path, "new", until=0)
-    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
 
 
 def test_killed_while_files_change_places_the_directory_does_not_pass_for_finished(tmp_path, monkeypatch):
@@ -61,11 +58,22 @@ def test_killed_while_files_change_places_the_directory_does_not_pass_for_finish
         run(tmp_path, "new")
     found = contents(tmp_path)
     assert "summary.json" not in found
-    assert found["unfinished/summary.json"] == "new"
+    assert found["unfinished-new-1/summary.json"] == "new"
 
 
-def test_the_place_is_known_before_anything_is_written(tmp_path):
-    assert place_for(tmp_path, FILES) == tmp_path
-    (tmp_path / "fig.png").write_text("old", encoding="utf-8")
-    assert place_for(tmp_path, FILES) == tmp_path / "unfinished"
-    assert not (tmp_path / "unfinished").exists()
+def test_two_never_write_into_one_directory(tmp_path):
+    refused = []
+
+    def enter():
+        with pytest.raises(FolderInUseError), results_directory(tmp_path, FILES, "key"):
+            pass
+        with pytest.raises(FolderInUseError):
+            compare(Request(quick=True, solvers=["active-set"]), tmp_path)
+        refused.append(True)
+
+    with locked_folder(tmp_path):
+        thread = threading.Thread(target=enter)
+        thread.start()
+        thread.join()
+        assert {path.name for path in tmp_path.iterdir()} == {LOCK}
+    assert refused == [True]

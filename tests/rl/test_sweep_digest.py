@@ -1,17 +1,15 @@
 """What a training is made from decides a sweep's keys: whatever differs, differs there; what is made anew does not."""
 
-import collections
 import enum
 import functools
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import threading
 from dataclasses import dataclass
-from decimal import Decimal
-from fractions import Fraction
 from pathlib import Path
 
 import numba
@@ -20,7 +18,7 @@ import pytest
 
 from cpgrl_opt import ConstrainedStep
 from rl import CPGRL, uniform_parameters
-from rl.sweeps.digest import digest_of
+from rl.digest import digest_of
 
 RATE, FACTORS = 0.1, {"a": 1.0}
 
@@ -109,53 +107,36 @@ def pairs():
         "truth": (1, True),
         "signs": (0.0, -0.0),
         "text": ("1", b"1"),
-        "complex": (1j, 2j),
-        "fraction": (Fraction(1, 3), Fraction(2, 3)),
-        "decimal": (Decimal("0.10"), Decimal("0.1")),
-        "path": (Path("a"), Path("b")),
         "enumeration": (Colour.RED, Colour.BLUE),
-        "set": ({"one", "two", "three", 4}, {"one", "two", "three", 5}),
-        "frozen set": (frozenset([("a", "b"), Colour.RED]), frozenset([("a", "b"), Colour.BLUE])),
-        "list": ([1, [2, 3]], [1, 2, 3]),
+        "set": (frozenset([("a", "b"), "c", Colour.RED]), frozenset([("a", "b"), "c", Colour.BLUE])),
         "tuple": ((1, 2), [1, 2]),
         "dict": ({"a": 1, "b": 2}, {"b": 2, "a": 1}),
         "keys": ({1: "x"}, {"1": "x"}),
-        "deque": (collections.deque([1, 2], 3), collections.deque([1, 2], 4)),
         "array": (np.arange(100.0), np.arange(100.0)[::-1]),
-        "small array": (np.float32([1, 2]), np.float64([1, 2])),
+        "type of an array": (np.float32([1, 2]), np.float64([1, 2])),
         "objects in an array": (np.array([Rule(1)], dtype=object), np.array([Rule(2)], dtype=object)),
-        "masked array": (np.ma.array([1.0, 2.0], mask=[0, 1]), np.ma.array([1.0, 2.0], mask=[1, 0])),
         "generator": (np.random.default_rng(1), np.random.default_rng(2)),
-        "range": (range(3), range(4)),
-        "list in an object": (Rule(1, 2), Rule(1, 3)),
         "slots": (Slotted(1), Slotted(2)),
-        "nested": (Nested(Nested(Rule(1))), Nested(Nested(Rule(2)))),
+        "nested": (Nested(Nested(Rule(1, 2))), Nested(Nested(Rule(1, 3)))),
         "class": (Rule, OtherRule),
         "class of an object": (Rule(1), OtherRule(1)),
         "bound method": (Rule(1).scale, Rule(2).scale),
-        "overridden method": (Rule(1).scale, OtherRule(1).scale),
-        "method of an array": (np.arange(3).sum, np.arange(4).sum),
+        "static method": (Rule.again, OtherRule.scale),
         "function": (math.sin, math.cos),
-        "function of NumPy": (np.sum, np.prod),
         "operation of NumPy": (np.add, np.multiply),
         "partial": (functools.partial(max, 1), functools.partial(max, 2)),
-        "lambda": (lambda x: x + 1, lambda x: x + 2),
-        "lambda in a set of constants": (lambda x: x in {"a", "b", "c"}, lambda x: x in {"a", "b", "d"}),
+        "lambda": (lambda x: x in {"a", "b", "c"}, lambda x: x in {"a", "b", "d"}),
         "default": (lambda x, rate=1: x * rate, lambda x, rate=2: x * rate),
         "keyword": (lambda x, *, rate=1: x * rate, lambda x, *, rate=2: x * rate),
-        "closure": ((lambda rate: lambda: rate)(1), (lambda rate: lambda: rate)(2)),
         "helper's closure": (with_helper(1), with_helper(2)),
         "recursion": (counting_down(1), counting_down(2)),
         "cycle": (holding_itself(1), holding_itself(2)),
-        "global": (lambda: RATE, lambda: FACTORS),
         "within a lambda": (lambda: lambda: RATE, lambda: lambda: FACTORS),
         "attribute of a module": (lambda: math.sin, lambda: math.cos),
         "cached": (remembered, functools.cache(lambda x: x)),
         "dispatching": (dispatching(1), dispatching(2)),
         "compiled": (compiled, numba.njit(lambda x: 3.0 * x)),
-        "static": (Rule.again, OtherRule.scale),
-        "solver": (ConstrainedStep(solver="rosen"), ConstrainedStep(solver="osqp")),
-        "learner": (CPGRL(ConstrainedStep(), [0.0]), CPGRL(ConstrainedStep(), [-0.1])),
+        "learner": (CPGRL(ConstrainedStep(solver="rosen"), [0.0]), CPGRL(ConstrainedStep(solver="osqp"), [0.0])),
         "lambda of ours": (uniform_parameters(3), uniform_parameters(3, 0.5)),
     }
 
@@ -165,19 +146,14 @@ def digests(names):
     return {name: [digest_of(own, "it") for own in made[name]] for name in names}
 
 
-@pytest.fixture(scope="module")
-def elsewhere():
-    """The digests in a process whose sets have another order."""
+def test_what_differs_has_another_digest_and_what_is_made_again_the_same():
+    """In a process whose sets have another order, too."""
     code = f"import json, {__name__} as own; print(json.dumps(own.digests(own.pairs())))"
     environment = {**os.environ, "PYTHONHASHSEED": "1", "PYTHONPATH": str(Path(__file__).parents[__name__.count(".")])}
-    return json.loads(subprocess.check_output([sys.executable, "-c", code], env=environment))
-
-
-@pytest.mark.parametrize("name", pairs())
-def test_what_differs_has_another_digest_and_what_is_made_again_the_same(name, elsewhere):
-    first, second = digests([name])[name]
-    assert first != second
-    assert digests([name])[name] == elsewhere[name] == [first, second]
+    elsewhere = json.loads(subprocess.check_output([sys.executable, "-c", code], env=environment))
+    here = digests(pairs())
+    assert [name for name, (first, second) in here.items() if first == second] == []
+    assert here == digests(pairs()) == elsewhere
 
 
 def test_what_a_function_names_counts_as_it_is(monkeypatch, tmp_path):
@@ -205,7 +181,6 @@ def test_what_has_no_digest_is_refused_by_name():
         return lock
 
     lock = threading.Lock()
-    with pytest.raises(ValueError, match=r"training\.lock should be made of what can be pickled"):
-        digest_of(training, "training")
-    with pytest.raises(ValueError, match=r"settings\['log'\]\[1\] should be made of what can be pickled"):
-        digest_of([1, (line for line in "ab")], "settings['log']")
+    for value, where in ((training, "training"), ([1, (line for line in "ab")], "settings['log']")):
+        with pytest.raises(ValueError, match=rf"{re.escape(where)} should be made of what can be pickled"):
+            digest_of(value, where)

@@ -93,7 +93,7 @@ OTHERS = {
         "learner": CPGRL(ConstrainedStep(solver="rosen", step_size=0.1), [0, 0, 0])
     },
     "learner should be": {"learner": WeightedSum()},
-    "runs[1]": {"runs": 2},
+    "runs should be [0, 3]": {"runs": 2},
     "seed should be 5": {"seed": 6},
 }
 
@@ -146,7 +146,7 @@ def test_a_damaged_file_is_refused_with_the_reason(saved):
     content, good = saved.read_bytes(), entries_of(saved)
     for end in [0, 1, 100, *range(500, len(content), 997), len(content) - 1]:
         saved.write_bytes(content[:end])
-        assert "should be a saved training of the format 'cpgrl state 2', whole; found" in refused(saved)
+        assert "should be a saved training of the format 'cpgrl state 3', whole; found" in refused(saved)
     for place in np.random.default_rng(1).integers(len(content) // 2, size=20):  # in the data, not in the directory
         broken = bytearray(content)
         broken[place] ^= 0x40

@@ -27,7 +27,19 @@ Frame = UInt8[np.ndarray, "height width 3"]
 def write_animation(
     arm: TwoLinkArm, paths: Mapping[str, Sequence[ArmPath]], titles: Mapping[str, str], path: Path
 ) -> None:
-    """Episode after episode of each condition's, side by side; one step is shown for `arm.dt`, as it would last."""
+    """Episode after episode of each condition's, side by side; one step is shown for `arm.dt`, as it would last.
+
+    Parameters
+    ----------
+    arm
+        What moves.
+    paths
+        Of each condition, as many episodes.
+    titles
+        Of the panels, by condition.
+    path
+        The GIF to write.
+    """
     from PIL import Image
 
     stage = _Stage(arm, titles)

@@ -19,6 +19,16 @@ def greatest_average_r3(arm: TwoLinkArm) -> float:
         E_φ[max_k r³_k − ρ n_k(φ)] = 0.
 
     Grids stand for starts and touching configurations, each widened by half a cell in favour of the bound.
+
+    Parameters
+    ----------
+    arm
+        Its objects, speed and stops.
+
+    Returns
+    -------
+    float
+        Reward per step.
     """
     steps = _least_steps(arm)
     rewards = np.array([thing.reward for thing in arm.objects])[:, None]

@@ -31,7 +31,23 @@ CONDITIONS = {
 
 
 def threshold_of_r3(condition: str) -> float:
-    """G³; ValueError where there is none."""
+    """G³; ValueError where there is none.
+
+    Parameters
+    ----------
+    condition
+        A name of CONDITIONS.
+
+    Returns
+    -------
+    float
+        Reward per step or per episode, as the condition averages.
+
+    Raises
+    ------
+    ValueError
+        Where the condition has no thresholds.
+    """
     thresholds = CONDITIONS[condition].thresholds
     if thresholds is None:
         raise ValueError(f"condition should have thresholds; found {condition!r}")

@@ -1,6 +1,6 @@
 """The paper's second experiment (§4): CPGRL on the two-link arm, with and without constraints."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -166,22 +166,19 @@ class ArmExperiment(Experiment):
         return STATEMENTS.judge(ArmEvidence(curves, beside_star))
 
     def figures(self, results: Results) -> Figures:
-        """The paper's Fig. 6 and 7; fig7-beside holds our conditions where the paper's were trained."""
-        beside = [name for name in self.conditions if name not in self._columns()]
-        columns = {"fig7": self._columns(), "fig7-beside": beside}
-        fig7 = {name: partial(self._fig7, results, chosen) for name, chosen in columns.items() if chosen}
-        return {"fig6": partial(workspace_figure, ARM), **fig7}
+        """The paper's Fig. 6 and 7, the latter in motion too; fig7-beside: our conditions, beside the paper's."""
+        columns = [name for name in self.conditions if name in PAPER] or list(self.conditions)
+        drawn = {"fig6": partial(workspace_figure, ARM), "fig7": partial(self._fig7, results, columns)}
+        if beside := [name for name in self.conditions if name not in columns]:
+            drawn["fig7-beside"] = partial(self._fig7, results, beside)
+        return {**drawn, "fig7.gif": partial(self._animate, results, columns)}
 
-    def animations(self, results: Results) -> dict[str, Callable[[Path], object]]:
-        """Episodes of typical runs."""
+    def _animate(self, results: Results, conditions: Sequence[str], path: Path) -> None:
         paths = {}
-        for name in self._columns():
+        for name in conditions:
             policy, starts, rng = self._typical(results, name)
             paths[name] = [arm_path(ARM, policy, start, rng) for start in starts[:: len(starts) // _ANIMATED]]
-        return {"fig7.gif": partial(write_animation, ARM, paths, _titles(paths))}
-
-    def _columns(self) -> list[str]:
-        return [name for name in self.conditions if name in PAPER] or list(self.conditions)
+        write_animation(ARM, paths, _titles(paths), path)
 
     def _fig7(self, results: Results, conditions: Sequence[str]) -> Any:
         paths = {}
@@ -230,7 +227,18 @@ class ArmExperiment(Experiment):
 
 
 def arm_policy(arm: TwoLinkArm) -> NormalizedGaussianNetwork:
-    """Forty basis functions over what the stops allow, θ₀ = 0, exploration of unit variance."""
+    """Forty basis functions over what the stops allow, θ₀ = 0, exploration of unit variance.
+
+    Parameters
+    ----------
+    arm
+        Whose stops bound the centres.
+
+    Returns
+    -------
+    NormalizedGaussianNetwork
+        Θ has 80 components.
+    """
     return NormalizedGaussianNetwork(*arm.stops, _BASIS, 2)
 
 

@@ -23,7 +23,18 @@ _POSTURES = 7  # of a learned path
 
 
 def workspace_figure(arm: TwoLinkArm) -> "Figure":
-    """Fig. 6: (a) the arm, the mesh of what it reaches, the objects; (b) r¹ over the same part of the plane."""
+    """Fig. 6: (a) the arm, the mesh of what it reaches, the objects; (b) r¹ over the same part of the plane.
+
+    Parameters
+    ----------
+    arm
+        What is drawn.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
     figure = blank_figure(PAGE_WIDTH, 3.15)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     figure.subplots_adjust(left=0.065, right=0.9, top=0.95, bottom=0.285, wspace=0.1)
@@ -53,6 +64,20 @@ def touches_figure(
     """Fig. 7: for each condition touches per 100 episodes, mean ± standard deviation; below it a learned path.
 
     titles: of the conditions, by name, in the order of their columns.
+
+    Parameters
+    ----------
+    curves
+        By condition.
+    paths
+        A learned one of each condition.
+    titles
+        Of the conditions, by name, in the order of their columns.
+
+    Returns
+    -------
+    Figure
+        Two panels a condition.
     """
     count = len(titles)
     figure = blank_figure(PAGE_WIDTH, 4.3 if count > 1 else 2.9)

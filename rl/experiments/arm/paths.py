@@ -27,7 +27,24 @@ class ArmPath:
 
 
 def arm_path(arm: TwoLinkArm, policy: NormalizedGaussianNetwork, start: Vector, rng: np.random.Generator) -> ArmPath:
-    """An episode from `start`, (2,), rad, actions drawn as in training."""
+    """An episode from `start`, (2,), rad, actions drawn as in training.
+
+    Parameters
+    ----------
+    arm
+        What moves.
+    policy
+        Draws its actions as in training.
+    start
+        (2,): angles, rad.
+    rng
+        Of the actions.
+
+    Returns
+    -------
+    ArmPath
+        To the touch that ends it, or the limit.
+    """
     environment = TwoLinkArmEnv(arm)
     angles, _ = environment.reset(seed=0, options={"angles": start})
     visited, ended, info = [angles], False, {"touched": "none"}
@@ -41,7 +58,18 @@ def arm_path(arm: TwoLinkArm, policy: NormalizedGaussianNetwork, start: Vector, 
 def typical_path(
     arm: TwoLinkArm, policy: NormalizedGaussianNetwork, start: Vector, rng: np.random.Generator
 ) -> ArmPath:
-    """Of _TRIES episodes from `start` one of median length among those that end in the most frequent way."""
+    """Of _TRIES episodes from `start` one of median length among those that end in the most frequent way.
+
+    Parameters
+    ----------
+    arm, policy, start, rng
+        As `arm_path` says.
+
+    Returns
+    -------
+    ArmPath
+        One that ends as most do.
+    """
     paths = [arm_path(arm, policy, start, rng) for _ in range(_TRIES)]
     (outcome, _), *_ = Counter(path.touched for path in paths).most_common()
     alike = sorted((path for path in paths if path.touched == outcome), key=lambda path: len(path.angles))
@@ -49,7 +77,18 @@ def typical_path(
 
 
 def typical_run(curves: TouchCurves) -> int:
-    """The run whose last touches are nearest to the mean over the runs."""
+    """The run whose last touches are nearest to the mean over the runs.
+
+    Parameters
+    ----------
+    curves
+        Of R runs.
+
+    Returns
+    -------
+    int
+        Its position among them.
+    """
     rates = curves.late().rates()
     return int(np.abs(rates - rates.mean(axis=0)).sum(axis=1).argmin())
 
@@ -58,6 +97,16 @@ def starts_beside_aversive(arm: TwoLinkArm) -> Float[np.ndarray, "directions 2"]
     """Angles in the box, rad, that put the end effector beside the object of least reward, in each direction.
 
     The paper's Fig. 7 (b) shows a path that begins in the neighbourhood of the aversive object.
+
+    Parameters
+    ----------
+    arm
+        Its objects and box.
+
+    Returns
+    -------
+    (8, 2)
+        Rad, the first to the right of the object.
     """
     low, high = np.array(arm.box).T
     axes = np.linspace(low, high, _GRID).T
@@ -76,6 +125,23 @@ def count_touches(
     starts: Float[np.ndarray, "starts 2"],
     rng: np.random.Generator,
 ) -> dict[str, float]:
-    """Per 100 episodes, one of each policy from each start, how many end at each object or at none."""
+    """Per 100 episodes, one of each policy from each start, how many end at each object or at none.
+
+    Parameters
+    ----------
+    arm
+        What moves.
+    policies
+        One of each run.
+    starts
+        (S, 2): angles, rad.
+    rng
+        Of the actions.
+
+    Returns
+    -------
+    dict of float
+        By object, and "none".
+    """
     ends = Counter(arm_path(arm, policy, start, rng).touched for policy in policies for start in starts)
     return {outcome: 100 * ends[outcome] / ends.total() for outcome in (*arm.events, "none")}

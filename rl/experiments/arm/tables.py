@@ -30,7 +30,18 @@ _LEGEND = (
 
 
 def formulation_table(keys: Mapping[str, Sequence[str]]) -> Comparison:
-    """keys: condition, formulation and solver of the trainings, by label."""
+    """keys: condition, formulation and solver of the trainings, by label.
+
+    Parameters
+    ----------
+    keys
+        Condition, formulation and solver of the trainings, by label.
+
+    Returns
+    -------
+    Comparison
+        With mean ± standard deviation.
+    """
     return Comparison(
         file="compare",
         title="The arm under each formulation",
@@ -44,7 +55,20 @@ def formulation_table(keys: Mapping[str, Sequence[str]]) -> Comparison:
 
 
 def measure(curves: TouchCurves, outcome: Outcome) -> Float[np.ndarray, "R measures"]:
-    """A row for each run, of MEASURES; see the legend."""
+    """A row for each run, of MEASURES; see the legend.
+
+    Parameters
+    ----------
+    curves
+        Touches by block.
+    outcome
+        Counts of the updates.
+
+    Returns
+    -------
+    (R, measures)
+        A row for each run, see the legend.
+    """
     late, updates, counts = curves.late(), outcome.episode, outcome.counts
     length = (late.length * late.sizes).sum(axis=1) / late.sizes.sum()
     shares = [counts["constrained"], counts["capped"], counts["infeasible"], counts["fallback"] + counts["skipped"]]

@@ -58,6 +58,17 @@ class AveragesRecorder(CaseRecorder):
 
 
 def exact_averages(parameters: Float[np.ndarray, "R n"]) -> tuple[np.ndarray, np.ndarray]:
-    """The averages (R, 1 + m) of policies, and these (R, S, A)."""
+    """The averages (R, 1 + m) of policies, and these (R, S, A).
+
+    Parameters
+    ----------
+    parameters
+        (R, 9): θ of each run.
+
+    Returns
+    -------
+    tuple of arrays
+        Average rewards per step (R, 1 + m); policies (R, S, A).
+    """
     policies = SoftmaxTable(MDP.states, MDP.actions).probabilities(parameters)
     return MDP.average_rewards(policies), policies

@@ -2,7 +2,7 @@
 
 --compare trains CPGRL under other solvers, formulations and drop rules too. Run i of every training has the same θ₀ and
 the same random stream, so that trainings differ by their subproblems' answers. One of them ends after `episodes`
-updates, or after `compare_episodes` where its solver is not compiled.
+updates, or after COMPARED_EPISODES where its solver is not compiled.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,6 @@ import numpy as np
 from cpgrl_opt import FORMULATIONS
 from cpgrl_opt.solvers import SOLVERS, compile_kernels, is_usable, solver_named
 from cpgrl_opt.step import DROP_RULES, Observer
-from cpgrl_opt.validation import require_count, require_member
 from envs.tabular import ConstrainedOptimum
 
 from ...estimators import GPOMDP
@@ -35,6 +34,7 @@ from .tables import ComparedRecorder, TimedLearner, solver_table, tolerance_tabl
 
 METHODS = ("cpgrl", "conb", "sum", "conb-tolerant")
 TOLERANCES = (0.0, 0.003, 0.005, 0.006, 0.01)  # η of CONB compared: from none to where it follows Δ¹ in a third
+COMPARED_EPISODES = 500  # updates of a training compared whose solver is not compiled
 SOLVERS_COMPARED = ("rosen", "active-set", "rosen-drop", "osqp", "daqp")
 
 
@@ -53,9 +53,7 @@ class ThreeStateExperiment(Experiment):
     """The paper's first experiment; beside it CONB with a tolerance, `conb-tolerant`, which is ours. See `Experiment`.
 
     thresholds G², G³, G⁴, and the tolerance η of conb-tolerant: reward per step. compare_solvers: names (none: those of
-    SOLVERS_COMPARED that can be used; "all" alone: all that can be used); compare_formulations: names;
-    compare_episodes: updates of a training whose solver is not compiled; compare_tolerance: by which a policy may
-    violate a threshold and count as feasible, in reward per step.
+    SOLVERS_COMPARED that can be used; "all" alone: all that can be used).
     """
 
     name = "three-state"
@@ -65,7 +63,7 @@ class ThreeStateExperiment(Experiment):
         {kind: [f"{kind}_{channel}" for channel in range(1, 5)] for kind in ("estimated", "exact")}
     )
     files = (
-        "fig4.png", "fig4.svg", "fig5.png", "fig5.svg", "comparison.csv", "comparison.md", "comparison.json",
+        "fig4.png", "fig4.svg", "fig5.png", "fig5.svg", "comparison.csv", "comparison.md",
         "tolerances.csv", "tolerances.md",
     )  # fmt: skip
     splits = False  # an update of all runs in lockstep costs little more than one of half of them
@@ -77,19 +75,13 @@ class ThreeStateExperiment(Experiment):
         False, "Train CPGRL under other solvers, formulations and drop rules too, and CONB with other tolerances."
     )
     compare_solvers: Sequence[str] = option((), "Of --compare; five if empty; or `all`.")
-    compare_formulations: Sequence[str] = option(tuple(FORMULATIONS), "Of --compare.")
-    compare_episodes: int = option(500, "Of --compare, where a solver is not compiled.")
-    compare_tolerance: float = 0.02
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.estimator()
         self.learner(self._conb(self.tolerance))
-        require_count("compare_episodes", self.compare_episodes)
-        for name in self.compare_formulations:
-            require_member("formulation", name, tuple(FORMULATIONS))
-        if self.compare and not self.compared:
-            raise ValueError("a solver should take one of the formulations compared; found none that does")
+        for name in {*self.compare_solvers} - {"all"}:
+            solver_named(name)
 
     def estimator(self) -> GPOMDP:
         """Eq. 3 and 4."""
@@ -132,7 +124,7 @@ class ThreeStateExperiment(Experiment):
     def compared(self) -> list[ThreeStateCase]:
         """Every solver under every formulation that it takes; every drop rule under the first that takes equalities."""
         compared = []
-        for formulation in self.compare_formulations:
+        for formulation in FORMULATIONS:
             takers = [name for name in self.solvers_compared() if formulation in solver_cases.cases(solver_named(name))]
             for name in takers:
                 drops: Sequence[str] = ("stationary",) if formulation == "equality" else ("",)
@@ -143,18 +135,16 @@ class ThreeStateExperiment(Experiment):
 
     def _compared(self, formulation: str, drop: str, solver: str) -> ThreeStateCase:
         is_compiled = getattr(solver_named(solver), "package", None) == "numba"
-        episodes = self.episodes if is_compiled else min(self.episodes, self.compare_episodes)
+        episodes = self.episodes if is_compiled else min(self.episodes, COMPARED_EPISODES)
         return ThreeStateCase(
             label=", ".join(filter(None, (formulation, drop, solver))), formulation=formulation, drop=drop,
             solver=solver, episodes=episodes, every=episodes, in_learning=False, rank=2 - (not is_compiled),
         )  # fmt: skip
 
     def solvers_compared(self) -> list[str]:
-        """Their names."""
-        if self.compare_solvers and list(self.compare_solvers) != ["all"]:
-            return list(self.compare_solvers)
-        names = SOLVERS if self.compare_solvers else SOLVERS_COMPARED
-        return [name for name in names if is_usable(solver_named(name))]
+        """Their names; those that can be used, where they were not named."""
+        names = SOLVERS if list(self.compare_solvers) == ["all"] else self.compare_solvers or SOLVERS_COMPARED
+        return [name for name in names if name in self.compare_solvers or is_usable(solver_named(name))]
 
     @property
     def common(self) -> int:

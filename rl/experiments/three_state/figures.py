@@ -28,7 +28,22 @@ def averages_figure(
     optimum: Float[np.ndarray, "channels"],
     thresholds: Float[np.ndarray, "m"],
 ) -> "Figure":
-    """Fig. 4: estimated ρ¹ … ρ⁴, mean ± standard deviation over the runs, (a) to (d); insets magnify ρ ≈ G."""
+    """Fig. 4: estimated ρ¹ … ρ⁴, mean ± standard deviation over the runs, (a) to (d); insets magnify ρ ≈ G.
+
+    Parameters
+    ----------
+    curves
+        By method.
+    optimum
+        (1 + m,): drawn dashed.
+    thresholds
+        (m,): reward per step.
+
+    Returns
+    -------
+    Figure
+        Four panels.
+    """
     figure = blank_figure(PAGE_WIDTH, 4.75)
     panels = figure.subplots(2, 2, sharex=True)
     figure.subplots_adjust(left=0.07, right=0.975, top=0.89, bottom=0.175, wspace=0.17, hspace=0.22)
@@ -55,7 +70,20 @@ def averages_figure(
 
 
 def policies_figure(curves: Mapping[str, LearningCurves], mdp: TabularMDP) -> "Figure":
-    """Fig. 5: Pr(a₁|s), Pr(a₂|s) over the episodes for every method (row) and state (column), on ρ¹ as grey."""
+    """Fig. 5: Pr(a₁|s), Pr(a₂|s) over the episodes for every method (row) and state (column), on ρ¹ as grey.
+
+    Parameters
+    ----------
+    curves
+        By method.
+    mdp
+        Whose ρ¹ is the grey.
+
+    Returns
+    -------
+    Figure
+        A row for each method, a column for each state.
+    """
     from matplotlib.ticker import MultipleLocator
 
     figure = blank_figure(PAGE_WIDTH, 7.0)

@@ -5,7 +5,7 @@ the policy after each of them.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from time import process_time
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,6 @@ import numpy as np
 
 from cpgrl_opt import DirectionBatch, Linearization, ProblemBatch, Status
 from cpgrl_opt.arrays import Float, Int
-from cpgrl_opt.comparison.machine import machine, versions
 from cpgrl_opt.step import Observer
 
 from ...learners import Learner, LearnerUpdate
@@ -22,12 +21,12 @@ from ...training import Training, TrainingRecord
 from ..comparison import Comparison, Measure, with_intervals
 from ..experiment import CaseRecorder
 from ..messages import Outcome
-from ..summary import PACKAGES
 from .curves import LearningCurves, exact_averages
 
 if TYPE_CHECKING:
     from .experiment import ThreeStateExperiment
 
+_TOLERATED = 0.02  # reward per step: by which a policy may violate a threshold and count as feasible
 MEASURES = (
     Measure("feasible_from", "feasible from", ".0f"),
     Measure("cumulative_violation", "cumulative violation", ".2f"),
@@ -104,7 +103,18 @@ class ComparedRecorder(CaseRecorder):
 
 
 def solver_table(settings: "ThreeStateExperiment") -> Comparison:
-    """Of solvers, formulations and drop rules."""
+    """Of solvers, formulations and drop rules.
+
+    Parameters
+    ----------
+    settings
+        Of the experiment.
+
+    Returns
+    -------
+    Comparison
+        With bootstrap intervals.
+    """
     common = settings.common
     return Comparison(
         file="comparison",
@@ -112,7 +122,7 @@ def solver_table(settings: "ThreeStateExperiment") -> Comparison:
         legend=(
             f"Means over {settings.runs} runs with 95 % bootstrap intervals; run i has the same θ₀ and random stream "
             f"in every case. Over the first {common} updates, which every case has: feasible from: updates after "
-            f"which max (G − ρ)₊ stays ≤ {settings.compare_tolerance:g} ({common + 1} where it does not); cumulative "
+            f"which max (G − ρ)₊ stays ≤ {_TOLERATED:g} ({common + 1} where it does not); cumulative "
             "violation: Σ max (G − ρ)₊, in reward per step × updates; ρ¹ and constrained return after update "
             f"{common}. Final: after the case's own last update; cases whose solver is not compiled have fewer "
             "updates. All averages are exact. Constrained return: ρ¹ − Σ μ(G − ρ)₊ with the optimum's multipliers μ, "
@@ -126,7 +136,6 @@ def solver_table(settings: "ThreeStateExperiment") -> Comparison:
         measure=partial(measure, settings),
         cells=with_intervals(settings.seed),
         notes=_note,
-        details=partial(_details, settings),
     )
 
 
@@ -138,6 +147,20 @@ def measure(
     feasible_from: the updates after which the violation v = max_i (Gⁱ − ρⁱ)₊ stays ≤ tolerance to the common end,
     and common + 1 where it does not; cumulative_violation: Σ v over the common updates; constrained return: the
     exact penalty ρ¹ − Σ μⁱ(Gⁱ − ρⁱ)₊ with the optimum's multipliers, which no policy brings above that optimum.
+
+    Parameters
+    ----------
+    settings
+        Thresholds and optimum.
+    values
+        Of `ComparedRecorder`.
+    outcome
+        Counts of the updates.
+
+    Returns
+    -------
+    (R, measures)
+        A row for each run.
     """
 
     def below(averages: np.ndarray) -> np.ndarray:
@@ -145,7 +168,7 @@ def measure(
 
     exact, last = values["exact"][:, -1], values["last"][:, -1]
     violation = below(exact).max(axis=2, initial=0.0)
-    broken = violation > settings.compare_tolerance
+    broken = violation > _TOLERATED
     feasible_from = np.where(broken.any(axis=1), broken.shape[1] - np.argmax(broken[:, ::-1], axis=1), 0)
     returns = [
         column
@@ -157,7 +180,18 @@ def measure(
 
 
 def tolerance_table(settings: "ThreeStateExperiment") -> Comparison:
-    """Of CONB's tolerances."""
+    """Of CONB's tolerances.
+
+    Parameters
+    ----------
+    settings
+        Of the experiment.
+
+    Returns
+    -------
+    Comparison
+        With bootstrap intervals.
+    """
 
     def measure(learned: LearningCurves, outcome: Outcome) -> Float[np.ndarray, "R measures"]:
         share = outcome.counts["objective"] / outcome.episode
@@ -180,38 +214,10 @@ def tolerance_table(settings: "ThreeStateExperiment") -> Comparison:
     )
 
 
-def _details(settings: "ThreeStateExperiment", outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
-    """Settings and versions; statuses and times of what is compared."""
-    cases = []
-    for case in settings.compared:
-        outcome = outcomes[case.label]
-        cases.append(
-            {
-                "formulation": case.formulation,
-                "drop": case.drop or None,
-                "solver": case.solver,
-                "updates": case.episodes,
-                "statuses": _statuses(outcome),
-                "seconds_per_update": outcome.totals["update_seconds"] / case.episodes,
-                "training_seconds": round(outcome.seconds, 3),
-            }
-        )
-    return {
-        "settings": asdict(settings),
-        "common_updates": settings.common,
-        "versions": versions((*PACKAGES, "qpsolvers", "osqp", "daqp")),
-        "machine": machine(),
-        "cases": cases,
-    }
-
-
-def _statuses(outcome: Outcome) -> dict[str, int]:
-    return {status.name: number for status in Status if (number := int(outcome.totals[status.name]))}
-
-
 def _note(outcome: Outcome) -> dict[str, str]:
+    statuses = ((status.name, int(outcome.totals[status.name])) for status in Status)
     return {
         "updates": str(outcome.episode),
-        "statuses": ", ".join(f"{number} {name}" for name, number in _statuses(outcome).items()),
+        "statuses": ", ".join(f"{number} {name}" for name, number in statuses if number),
         "ms": f"{1e3 * outcome.totals['update_seconds'] / outcome.episode:.2f}",
     }
