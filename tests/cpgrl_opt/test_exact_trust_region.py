@@ -79,6 +79,8 @@ def test_contradicting_rows_climb_as_far_as_the_ball_lets_them() -> None:
 def test_a_zero_row_that_asks_is_impossible_and_moves_nothing() -> None:
     answer = exact_trust_region(DirectionProblem([3.0, 4.0], [[0.0, 0.0], [1.0, 0.0]], [1.0, 0.0], radius=10.0))
     assert (answer.feasible, answer.direction.tolist(), answer.multipliers.tolist()) == (False, [6.0, 8.0], [1.0, 0.0])
+    for bound, equality in ((-1.0, False), (0.0, True)):  # what asks for nothing is met
+        assert exact_trust_region(DirectionProblem([3.0, 4.0], [[0.0, 0.0]], bound, equality, radius=10.0)).feasible
 
 
 def test_the_shortest_direction_has_a_length() -> None:
