@@ -66,6 +66,18 @@ def test_polishing_certifies_what_a_first_order_method_found(seed: int) -> None:
     assert kkt_residuals(problem, better).worst <= 1e-13
 
 
+@pytest.mark.parametrize("named", [[1.0, 0.0], [0.0, 1.0], [0.5, 0.2], [0.0, 0.0]])
+def test_polishing_corrects_the_face_where_a_row_is_nearly_tight(named: list[float]) -> None:
+    """d = (0, 1) on the first row; the second is 1e-8 away. The back end's multipliers name either, both or none."""
+
+    def back_end(small: SmallProblem) -> SmallAnswer:
+        return SmallAnswer(least_distance(small).point, np.array(named))
+
+    answer = solve_by(back_end, DirectionProblem([1.0, 1.0], [[-1, 0], [-1, 1e-8]]), tolerance=TOLERANCE)
+    assert answer.status == Status.OPTIMAL
+    np.testing.assert_allclose(answer.value, [0.0, 1.0], atol=1e-15)
+
+
 @pytest.mark.parametrize("failure", [Status.INFEASIBLE, Status.NUMERICAL_ERROR, Status.ITERATION_LIMIT])
 def test_a_feasible_problem_is_not_infeasible_because_a_back_end_says_so(failure: Status) -> None:
     gives_up = SmallAnswer(None, None, failure=failure)
