@@ -69,35 +69,18 @@ def constrained_adam(parameters: list[Any], rate: float, formulation: str) -> Up
     return update
 
 
-def upgrad(parameters: list[Any], rate: float) -> Update:
+def aggregate_jacobian(parameters: list[Any], rate: float, aggregator: str) -> Update:
     """TorchJD has no thresholds: a cost is one of its losses while it is violated, else a row of zeros."""
-    from torchjd.aggregation import UPGrad
+    from torchjd import aggregation
     from torchjd.autojac import backward, jac_to_grad
 
-    optimizer, aggregator = torch.optim.Adam(parameters, lr=rate), UPGrad()
+    optimizer, combine = torch.optim.Adam(parameters, lr=rate), getattr(aggregation, aggregator)()
 
     def update(loss: Any, costs: Any, thresholds: Any) -> None:
         optimizer.zero_grad()
         violation = (costs - thresholds).relu()
         backward([loss, violation], inputs=parameters)
-        jac_to_grad(parameters, aggregator)
-        optimizer.step()
-
-    return update
-
-
-def dualproj(parameters: list[Any], rate: float) -> Update:
-    """The same with DualProj."""
-    from torchjd.aggregation import DualProj
-    from torchjd.autojac import backward, jac_to_grad
-
-    optimizer, aggregator = torch.optim.Adam(parameters, lr=rate), DualProj()
-
-    def update(loss: Any, costs: Any, thresholds: Any) -> None:
-        optimizer.zero_grad()
-        violation = (costs - thresholds).relu()
-        backward([loss, violation], inputs=parameters)
-        jac_to_grad(parameters, aggregator)
+        jac_to_grad(parameters, combine)
         optimizer.step()
 
     return update
@@ -145,8 +128,8 @@ CONTENDERS: dict[str, tuple[Callable[..., Update], list[tuple[Any, ...]], str]] 
     "ours: constrained_backward, SGD": (backward_and_sgd, _OURS, "torch"),
     "ours: constrained_backward, Adam": (backward_and_adam, _OURS, "torch"),
     "ours: ConstrainedOptimizer(Adam)": (constrained_adam, _OURS, "torch"),
-    "TorchJD: UPGrad, Adam": (upgrad, [(rate,) for rate in _RATES], "torchjd"),
-    "TorchJD: DualProj, Adam": (dualproj, [(rate,) for rate in _RATES], "torchjd"),
+    "TorchJD: UPGrad, Adam": (aggregate_jacobian, [(rate, "UPGrad") for rate in _RATES], "torchjd"),
+    "TorchJD: DualProj, Adam": (aggregate_jacobian, [(rate, "DualProj") for rate in _RATES], "torchjd"),
     "Cooper: Lagrangian, Adam": (lagrangian, _ASCENT, "cooper"),
     "Cooper: PI, Adam": (lagrangian, _CONTROL, "cooper"),
 }
