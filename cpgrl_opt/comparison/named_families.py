@@ -10,8 +10,8 @@ from .. import problems
 from ..exact import exact_answer
 from ..validation import not_a_member
 from .families import FAMILIES, ProblemFamily
+from .recorded_family import make_recorded_family
 from .recording import load_recording
-from .replay import recorded_family
 
 _SUFFIX = ".npz"
 
@@ -61,7 +61,7 @@ def _recorded(name: str, stamp: tuple[int, int]) -> ProblemFamily:  # noqa: ARG0
     recording = load_recording(name)
     if not len(recording):
         raise ValueError(f"{name} should hold at least one problem to be a family; found none")
-    return recorded_family(recording, name)
+    return make_recorded_family(recording, name)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

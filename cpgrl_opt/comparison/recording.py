@@ -105,7 +105,7 @@ class Recording:
     def __len__(self) -> int:
         return len(self.gradient)
 
-    def chosen(self, rows: Any) -> "Recording":
+    def select(self, rows: Any) -> "Recording":
         """The problems that an index array, a mask or a slice names."""
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         return Recording(**arrays, trainings=self.trainings, selection=self.selection)
@@ -138,7 +138,7 @@ _TYPES = {name: np.int64 if name in _ROWS else np.float64 for name in _ARRAYS} |
 _AXES = dict.fromkeys(_ARRAYS, 1) | {"jacobian": 3, "gradient": 2, "bound": 2, "equality": 2}
 
 
-def joined(recordings: Iterable[Recording]) -> Recording:
+def join(recordings: Iterable[Recording]) -> Recording:
     """One recording of the problems of several, at least one, of one shape; trainings of one name are one training."""
     parts = list(recordings)
     shapes = {part.jacobian.shape[1:] for part in parts if len(part)}

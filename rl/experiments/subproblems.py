@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpgrl_opt.comparison.recorder import Recorder, in_words, stretches
-from cpgrl_opt.comparison.recording import Recording, joined
+from cpgrl_opt.comparison.recording import Recording, join
 
 FILE = "subproblems.npz"
 
@@ -33,7 +33,7 @@ class SubproblemRecorder(Recorder):
     def recording(self) -> Recording:
         """What was kept so far."""
         recording = super().recording()
-        return recording if self.before is None else joined([self.before, recording])
+        return recording if self.before is None else join([self.before, recording])
 
     def state(self) -> dict[str, Any]:
         """The recording as plain values."""
@@ -55,7 +55,7 @@ def join_recordings(recordings: Iterable[Recording | None]) -> Recording | None:
         Of all, in their order.
     """
     parts = [part for part in recordings if part is not None]
-    return joined(parts) if parts else None
+    return join(parts) if parts else None
 
 
 def write_subproblems(recordings: Iterable[Recording | None], directory: Path) -> list[str]:

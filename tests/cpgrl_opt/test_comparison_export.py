@@ -44,7 +44,7 @@ def test_a_test_set_read_back_has_the_same_solutions(tmp_path):
 
 def test_a_recording_is_exported_bit_for_bit_under_names_that_tell_where_problems_come_from(tmp_path):
     pytest.importorskip("pyarrow", reason="pyarrow is not installed: the extra 'export'")
-    recording = shipped_recording("three-state").chosen(slice(0, 70))
+    recording = shipped_recording("three-state").select(slice(0, 70))
     export_recording(recording, tmp_path / "set.parquet")
     read = list(as_qpbenchmark_reads(tmp_path / "set.parquet"))
     assert len({name for name, _ in read}) == len(read) == 70

@@ -21,7 +21,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recording:
     """own.npz in the current folder: two problems met, and between them one that is infeasible."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cpgrl_opt.comparison.runner.isolated_bench", BenchHere)
-    recording = shipped_recording("three-state").chosen(slice(0, 3))
+    recording = shipped_recording("three-state").select(slice(0, 3))
     jacobian, bound, equality = recording.jacobian.copy(), recording.bound.copy(), recording.equality.copy()
     jacobian[1, 1], bound[1], equality[1] = -jacobian[1, 0], [1.0, 1.0, -np.inf], False
     recording = replace(recording, jacobian=jacobian, bound=bound, equality=equality)
@@ -46,7 +46,7 @@ def test_a_recording_is_compared_beside_named_families_and_resumed(
 
 def test_another_recording_at_the_same_path_is_measured_anew(own: Recording, tmp_path: Path) -> None:
     before = compare(MIXED, Path("out"))
-    own.chosen(slice(0, 1)).save(Path("own.npz"))
+    own.select(slice(0, 1)).save(Path("own.npz"))
     after = compare(MIXED, Path("out"))
     assert after.renewed == [("active-set", "prepared", "own.npz")]
     assert after.measurements[:6] == before.measurements[:6], "of the other family, to the last digit of their times"
@@ -56,7 +56,7 @@ def test_another_recording_at_the_same_path_is_measured_anew(own: Recording, tmp
 
 def test_a_file_that_changes_is_read_again(own: Recording) -> None:
     assert not family_named("own.npz").feasible
-    own.chosen(slice(0, 1)).save(Path("own.npz"))
+    own.select(slice(0, 1)).save(Path("own.npz"))
     assert family_named("own.npz").feasible
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from cpgrl_opt import ConstrainedStep, Linearization, kkt_residuals
 from cpgrl_opt.comparison.recorder import Recorder, in_words, stretches
-from cpgrl_opt.comparison.recording import SHIPPED, joined, load_recording, shipped_recording
+from cpgrl_opt.comparison.recording import SHIPPED, join, load_recording, shipped_recording
 from cpgrl_opt.problem import ProblemBatch
 from cpgrl_opt.solvers import SOLVERS, ActiveSet, Rosen
 
@@ -106,7 +106,7 @@ def test_shares_of_the_runs_joined_are_what_all_runs_together_record():
     step = ConstrainedStep(solver="rosen")
     whole = Watched(60, step).recording
     parts = [Watched(60, step, runs=runs).recording for runs in ((2,), (0, 1))]
-    assert recorded_bytes(joined(parts)) == recorded_bytes(whole)
+    assert recorded_bytes(join(parts)) == recorded_bytes(whole)
 
 
 def recorded_bytes(recording):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cpgrl_opt import SOLVERS, ConstrainedStep, Linearization, Status
+from cpgrl_opt.comparison.recorded_family import make_recorded_family
 from cpgrl_opt.comparison.recorder import Recorder, stretches
-from cpgrl_opt.comparison.recording import PARTS, Recording, joined, load_recording, shipped_recording
-from cpgrl_opt.comparison.replay import recorded_family
+from cpgrl_opt.comparison.recording import PARTS, Recording, join, load_recording, shipped_recording
 
 RUNS, EPISODES, N = 3, 6, 4
 RADIUS = 0.25
@@ -102,16 +102,16 @@ def test_problems_of_both_kinds_are_no_batch_but_each_kind_is() -> None:
     recording, _ = watched(ConstrainedStep(formulation="cone", radius=RADIUS))
     with pytest.raises(ValueError, match="should all have a radius, or none"):
         _ = recording.batch
-    tangents = recording.chosen(recording.part == 0)
+    tangents = recording.select(recording.part == 0)
     assert set(tangents.batch.radius.tolist()) == {RADIUS}
-    assert recording.chosen(recording.part == 1).batch.radius is None
-    together = joined([tangents, recording.chosen(recording.part == 1)])
+    assert recording.select(recording.part == 1).batch.radius is None
+    together = join([tangents, recording.select(recording.part == 1)])
     np.testing.assert_array_equal(together.radii, recording.radii)
 
 
 def test_a_family_of_balls_says_which_of_its_problems_are_feasible() -> None:
     recording, _ = watched(ConstrainedStep(formulation="restoring", radius=RADIUS, restoration_rate=0.5))
-    family = recorded_family(recording, "own")
+    family = make_recorded_family(recording, "own")
     found = {family.is_feasible(problem) for problem in recording.problems}
     assert found == {True, False}
     for problem in recording.problems:
@@ -119,4 +119,4 @@ def test_a_family_of_balls_says_which_of_its_problems_are_feasible() -> None:
         assert family.is_feasible(problem) == (answer.status == Status.OPTIMAL)
     assert not family.feasible
     wide = replace(recording, radius=np.full(len(recording), 1e3))
-    assert recorded_family(wide, "wide").feasible
+    assert make_recorded_family(wide, "wide").feasible

@@ -11,7 +11,7 @@ import pytest
 
 from cpgrl_opt.comparison.recording import load_recording, shipped_recording
 
-TINY = shipped_recording("three-state").chosen(slice(0, 6))
+TINY = shipped_recording("three-state").select(slice(0, 6))
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,6 @@ from cpgrl_opt import (
 )
 from cpgrl_opt.comparison import bench
 from cpgrl_opt.comparison.contestants import Contestant
-from cpgrl_opt.comparison.recording import Recording
-from cpgrl_opt.comparison.replay import replay
 from cpgrl_opt.solvers import referee
 
 # With rates 1 the step is [1, 0.1]: the row [0, 10] asks for 10 d₂ ≥ 1. On a unit row it would ask for d₂ ≥ 1.
@@ -104,17 +102,6 @@ def test_a_comparison_judges_by_the_problem_as_it_was(kind, monkeypatch):
     at.prepare(order)
     assert at.measure().outcome == "silently-wrong"
     np.testing.assert_array_equal(problem.jacobian, [[0.0, 10.0]])
-
-
-@BOTH
-def test_a_replay_judges_by_the_problem_as_it_was(kind):
-    zero = np.zeros(1, np.int64)
-    recording = Recording(
-        gradient=np.array([[1.0, 0.0]]), jacobian=np.array([[[0.0, 10.0]]]), bound=np.ones((1, 1)),
-        equality=np.zeros((1, 1), np.bool_), training=zero, run=zero, episode=zero, part=zero, stretch=zero,
-        trainings=("one",), selection="",
-    )  # fmt: skip
-    assert replay(recording, kind(divide_by_blas), repeats=2).worst[0] > 0.1
 
 
 def test_an_observer_that_writes_is_stopped():
