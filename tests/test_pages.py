@@ -167,5 +167,5 @@ def test_it_breaks_half_of_the_laws_with_a_counterexample_that_fails_when_pasted
     pytest_here = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_pasted.py"]
     run = subprocess.run(pytest_here, capture_output=True, text=True, check=False)
     assert run.returncode == pytest.ExitCode.TESTS_FAILED, run.stdout
-    assert "LawBroken" in run.stdout
+    assert "LawError" in run.stdout
     assert "1 failed" in run.stdout

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from ..problems import RandomSource, Source, dependent, geometry, infeasible, regular, scales
-from ..problems.assembly import varied
+from ..problems.assembly import vary
 from ..problems.case import Case
 from .recording import shipped_problem
 
@@ -198,11 +198,11 @@ def _geometries() -> Iterator[ProblemFamily]:
 
 def _in_metric(source: Source, case: Case, *, is_full: bool, decades: int = 2) -> DirectionProblem:
     problem = regular.ordinary(source, case)
-    return varied(problem, metric=source.metric(problem.n, is_full=is_full, decades=decades))
+    return vary(problem, metric=source.metric(problem.n, is_full=is_full, decades=decades))
 
 
 def _ball_around_0(source: Source, case: Case) -> DirectionProblem:
-    return varied(regular.ordinary(source, case), radius=float(10.0 ** source.uniform(-3, 3)))
+    return vary(regular.ordinary(source, case), radius=float(10.0 ** source.uniform(-3, 3)))
 
 
 def _ball(source: Source, case: Case, *, is_full: bool | None = None, factor: float = 1.5) -> DirectionProblem:
@@ -211,9 +211,9 @@ def _ball(source: Source, case: Case, *, is_full: bool | None = None, factor: fl
     while not shortest:
         problem = regular.ordinary(source, case)
         if is_full is not None:
-            problem = varied(problem, metric=source.metric(problem.n, is_full=is_full))
+            problem = vary(problem, metric=source.metric(problem.n, is_full=is_full))
         shortest = source.shortest(problem)
-    return varied(problem, radius=factor * shortest)
+    return vary(problem, radius=factor * shortest)
 
 
 FAMILIES: Mapping[str, ProblemFamily] = MappingProxyType(

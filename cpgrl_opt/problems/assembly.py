@@ -39,9 +39,7 @@ def meet(
     return DirectionProblem(point - weights @ jacobian, jacobian, bound, equality)
 
 
-def rescaled(
-    problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"] | float = 1.0
-) -> DirectionProblem:
+def rescale(problem: DirectionProblem, scale: float, factors: Float[np.ndarray, "m"] | float = 1.0) -> DirectionProblem:
     """(c g, c J, c² b, c radius), row i and bᵢ times factorᵢ: the optimum becomes c d."""
     each = np.broadcast_to(np.asarray(factors, dtype=np.float64), problem.m)
     if scale == 1.0 and (each == 1.0).all():
@@ -56,7 +54,7 @@ def rescaled(
     )
 
 
-def varied(problem: DirectionProblem, **changes: Any) -> DirectionProblem:
+def vary(problem: DirectionProblem, **changes: Any) -> DirectionProblem:
     """The problem with other arrays for some of its own; metric and radius stay unless they are named."""
     names = ("gradient", "jacobian", "bound", "equality", "metric", "radius")
     return DirectionProblem(**{name: changes.get(name, getattr(problem, name)) for name in names})

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..problem import DirectionProblem
-from .assembly import varied
+from .assembly import vary
 from .case import Case
 from .infeasible import infeasible
 from .regular import ordinary
@@ -47,14 +47,14 @@ def out_of_reach(source: Source, case: Case, *, factors: tuple[float, ...] = MIS
         if J[0] @ np.ones(problem.n) == 0:
             J[0] = 1.0
         J[1:], b[0] = 0.0, 7.0
-        problem = varied(problem, jacobian=J, bound=b)
+        problem = vary(problem, jacobian=J, bound=b)
     return with_radius(source, with_metric_perhaps(source, problem), factors)
 
 
 def infeasible_in_huge_ball(source: Source, case: Case, **settings: Any) -> DirectionProblem:
     """Rows that contradict each other; the radius is somebody's word for "none"."""
     problem = infeasible(source, case, **settings)
-    return varied(problem, radius=1e12 * math.exp(source.uniform(-1.0, 1.0)))
+    return vary(problem, radius=1e12 * math.exp(source.uniform(-1.0, 1.0)))
 
 
 def with_metric_perhaps(source: Source, problem: DirectionProblem) -> DirectionProblem:
@@ -65,10 +65,10 @@ def with_metric_perhaps(source: Source, problem: DirectionProblem) -> DirectionP
 def with_metric(source: Source, problem: DirectionProblem, *, is_full: bool | None = None) -> DirectionProblem:
     """The problem in a metric, a diagonal or a full one."""
     full = source.choice((False, True)) if is_full is None else is_full
-    return varied(problem, metric=source.metric(problem.n, is_full=full))
+    return vary(problem, metric=source.metric(problem.n, is_full=full))
 
 
 def with_radius(source: Source, problem: DirectionProblem, factors: tuple[float, ...]) -> DirectionProblem:
     """The problem in a ball of some factor times what the shortest direction needs; of any size where that is 0."""
     factor = source.choice(factors)
-    return varied(problem, radius=factor * (source.shortest(problem) or source.choice((1.0, 0.25, 5.0))))
+    return vary(problem, radius=factor * (source.shortest(problem) or source.choice((1.0, 0.25, 5.0))))

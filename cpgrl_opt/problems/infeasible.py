@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..problem import DirectionProblem
-from .assembly import varied
+from .assembly import vary
 from .case import Case
 from .dependent import positively_dependent
 from .regular import N, ordinary
@@ -43,4 +43,4 @@ def zero_row_asks(source: Source, case: Case, *, decades: tuple[float, float] = 
     base = ordinary(source, case, m=4)
     J, b, row = base.jacobian.copy(), base.bound.copy(), int(source.integers(0, base.m - 1))
     J[row], b[row] = 0.0, 10.0 ** source.uniform(*decades)
-    return varied(base, jacobian=J, bound=b)
+    return vary(base, jacobian=J, bound=b)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..arrays import Jacobian
 from ..problem import DirectionProblem
-from .assembly import meet, varied
+from .assembly import meet, vary
 from .case import Case
 from .source import Source
 
@@ -68,11 +68,11 @@ def switched_off(source: Source, case: Case) -> DirectionProblem:
     """Half of the rows, if they are inequalities, have b = −∞, as in a batch of active sets."""
     base = ordinary(source, case, m=6)
     off = source.order(base.m) < base.m // 2
-    return varied(base, bound=np.where(off & ~base.equality, -np.inf, base.bound))
+    return vary(base, bound=np.where(off & ~base.equality, -np.inf, base.bound))
 
 
 def far_bounds(source: Source, case: Case, *, decades: tuple[float, float] = (3.0, 12.0)) -> DirectionProblem:
     """Half of the inequalities have b between −10³ and −10¹²: they never bind, but they spoil an absolute scale."""
     base = ordinary(source, case, m=6)
     is_far = (source.order(base.m) < max(base.m // 2, 1)) & ~base.equality
-    return varied(base, bound=np.where(is_far, -(10.0 ** source.uniform(*decades, base.m)), base.bound))
+    return vary(base, bound=np.where(is_far, -(10.0 ** source.uniform(*decades, base.m)), base.bound))

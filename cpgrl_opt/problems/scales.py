@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..problem import DirectionProblem
-from .assembly import meet, rescaled
+from .assembly import meet, rescale
 from .case import Case
 from .regular import M, N, ordinary
 from .source import Source
@@ -22,4 +22,4 @@ def gradient_scale(
 ) -> DirectionProblem:
     """(c g, c J, c² b): the direction is c times as long."""
     c = source.choice(scale) if isinstance(scale, tuple) else scale
-    return rescaled(ordinary(source, case), float(np.float64(c)))
+    return rescale(ordinary(source, case), float(np.float64(c)))

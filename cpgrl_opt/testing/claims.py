@@ -11,7 +11,6 @@ from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
-    LawBroken,
     NothingClaimed,
     Outcome,
     answer_of,
@@ -19,8 +18,10 @@ from .law import (
     length,
     nothing_claimed,
     reference_optimum,
+    require,
     require_at_most,
-    varied,
+    skip_unless,
+    vary,
     whitened,
 )
 from .sensitivity import distance_bound, hoffman_constant, relative_distance
@@ -56,13 +57,11 @@ def check_claims_are_certified(solver: DirectionSolver, problem: DirectionProble
 def check_feasible_is_not_called_infeasible(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """A problem with a feasible direction is not INFEASIBLE. `problem` should be feasible. Source: Farkas' lemma."""
     answer = answer_of(solver, problem)
-    if answer.status == Status.INFEASIBLE:
-        raise LawBroken(
-            "the problem has a feasible direction and should not be INFEASIBLE: INFEASIBLE needs a Farkas vector "
-            "(y ≥ 0 on I, Jᵀy = 0, bᵀy > 0), and there is none",
-            problem,
-            answer,
-        )
+    message = (
+        "the problem has a feasible direction and should not be INFEASIBLE: INFEASIBLE needs a Farkas vector "
+        "(y ≥ 0 on I, Jᵀy = 0, bᵀy > 0), and there is none"
+    )
+    require(answer.status != Status.INFEASIBLE, message, problem, answer)
     if answer.status != Status.OPTIMAL:
         raise nothing_claimed(answer)
 
@@ -91,8 +90,7 @@ def check_least_violation(solver: DirectionSolver, problem: DirectionProblem) ->
     answer = _infeasible(solver, problem)
     rows = unit_rows(euclidean(problem).jacobian)
     bound = rows.per_length(problem.bound)
-    if (bound == np.inf).any() or (problem.equality & ~np.isfinite(bound)).any():
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(bool((bound < np.inf).all() and np.isfinite(bound[problem.equality]).all()))
     value = whitened(problem, answer.value)
     lack = bound - rows.jacobian @ value
     lack = np.where(problem.equality, lack, np.maximum(lack, 0.0))
@@ -136,11 +134,10 @@ def _require_best_climb(solver: DirectionSolver, problem: DirectionProblem, answ
     """Where the ball holds d back from less violation, d is the only one, and the reference may claim nothing."""
     relaxed = _relaxed(problem, lack, float(problem.radius or 0.0))
     try:
-        best, its_tolerance = reference_optimum(relaxed)
+        best, epsilon = _reference(solver, relaxed)
     except NothingClaimed:
         return
-    epsilon = tolerance_of(solver) + its_tolerance + _ROUNDING
-    epsilon *= (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
+    epsilon *= _growth(problem)
     radius, strength = float(problem.radius or 0.0), length(euclidean(problem).gradient)
     kappa, directions = best.radius_multiplier, (answer.value, best.value)
     if kappa > 0.0:
@@ -163,19 +160,17 @@ def _relaxed(problem: DirectionProblem, lack: np.ndarray, unit: float) -> Direct
     bound = problem.bound - lack
     rounding = np.abs(unit_rows(euclidean(problem).jacobian).per_length(bound)) <= _ROUNDING * unit
     # With g = 0 and no other bound, noise would be the whole problem.
-    return varied(problem, bound=np.where(rounding, 0.0, bound))
+    return vary(problem, bound=np.where(rounding, 0.0, bound))
 
 
 def _require_nearest(
     solver: DirectionSolver, problem: DirectionProblem, answer: Answer, lack: np.ndarray, unit: float
 ) -> None:
     relaxed = _relaxed(problem, lack, unit)
-    nearest, its_tolerance = reference_optimum(relaxed)
-    epsilon = tolerance_of(solver) + its_tolerance + _ROUNDING
-    factor = (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
+    nearest, epsilon = _reference(solver, relaxed)
     require_at_most(
         length(whitened(problem, answer.value - nearest.value)) / unit,
-        factor * relative_distance(relaxed, epsilon),
+        _growth(problem) * relative_distance(relaxed, epsilon),
         "‖d − p(g)‖ / s, p(g) the direction nearest to g of those that violate least",
         "Of all directions that violate the constraints least, take the one nearest to the gradient.",
         problem,
@@ -184,16 +179,25 @@ def _require_nearest(
     )
 
 
+def _reference(solver: DirectionSolver, relaxed: DirectionProblem) -> tuple[Answer, float]:
+    """The reference's answer, and the residual that the solver's and its own may have together."""
+    answer, its_tolerance = reference_optimum(relaxed)
+    return answer, tolerance_of(solver) + its_tolerance + _ROUNDING
+
+
+def _growth(problem: DirectionProblem) -> float:
+    """By how much an error of the least violation moves what is asked for: (1 + 2H)(1 + m)."""
+    return (1 + 2 * hoffman_constant(problem)) * (1 + problem.m)
+
+
 def _infeasible(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
-    """The answer where it says INFEASIBLE; LawBroken where it says OPTIMAL."""
+    """The answer where it says INFEASIBLE; LawError where it says OPTIMAL."""
     answer = answer_of(solver, problem)
-    if answer.status == Status.OPTIMAL:
-        raise LawBroken(
-            "no direction meets the constraints, so OPTIMAL is wrong: check every constraint of the answer against "
-            "its bound, and return INFEASIBLE with a Farkas vector",
-            problem,
-            answer,
-        )
+    message = (
+        "no direction meets the constraints, so OPTIMAL is wrong: check every constraint of the answer against its "
+        "bound, and return INFEASIBLE with a Farkas vector"
+    )
+    require(answer.status != Status.OPTIMAL, message, problem, answer)
     if answer.status != Status.INFEASIBLE:
         raise nothing_claimed(answer)
     return answer

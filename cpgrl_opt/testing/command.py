@@ -12,7 +12,7 @@ from ..comparison.whole_file import whole_file
 from ..isolation import Isolated, IsolationError, apply, exit_on_termination
 from ..validation import require_count, require_member, require_positive
 from .laws import LAWS
-from .target import CannotCheck, checkable_solver, spelling_of
+from .target import TargetError, checkable_solver, spelling_of
 from .verdict import CheckResult, Verdict, check_direction_solver
 
 HELD, BROKEN, UNWRITTEN, INTERRUPTED = 0, 1, 2, 130
@@ -30,7 +30,7 @@ def run_check(target: str, **settings: Any) -> int:
     try:
         with exit_on_termination():
             return check_target(target, progress=_progress_on_terminal(len(LAWS)), **settings)
-    except CannotCheck as error:
+    except TargetError as error:
         sys.stderr.write(error.traceback)
         raise
     except KeyboardInterrupt:
@@ -73,7 +73,7 @@ def check_target(
 
     Raises
     ------
-    CannotCheck
+    TargetError
         Where there is nothing to check.
     ValueError
         For settings that are out of range.
@@ -92,9 +92,9 @@ def check_target(
                 checks=tuple(LAWS), spelled=apply(spelling_of, solver, target), progress=progress,
             )  # fmt: skip
         except IsolationError as lost:
-            raise CannotCheck(f"{target} should import and answer a problem; found {lost}") from lost
+            raise TargetError(f"{target} should import and answer a problem; found {lost}") from lost
     if not any(result.supported for result in verdict.results):
-        raise CannotCheck(
+        raise TargetError(
             f"{target} should take some of the laws' problems, Euclidean ones or, with `takes_geometry = True`, those "
             "with a radius, of several rows or one; found that `supports` takes none"
         )

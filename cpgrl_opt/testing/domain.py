@@ -10,7 +10,7 @@ from ..problem import DirectionProblem
 from ..problems.case import ALL_CASES, Case
 from ..solvers.interface import DirectionSolver
 from .draws import MOST_PARAMETERS, MOST_ROWS, SHAPES
-from .law import takes, varied
+from .law import takes, vary
 
 _MOST_KNOWN = 32  # solvers; each item of a test asks about the same few again
 _known: list[tuple[DirectionSolver, "Domain"]] = []
@@ -27,7 +27,7 @@ class Domain:
 def supported_cases(solver: DirectionSolver) -> list[Case]:
     """The cases of which the solver's `supports` takes an example; without a `supports`, the five of constraints.
 
-    ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius. Raises LawBroken
+    ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius. Raises LawError
     where `supports` raises or contradicts itself.
     """
     return list(find_domain(solver).cases)
@@ -114,8 +114,8 @@ def _examples(shapes: tuple[tuple[int, int], ...]) -> tuple[DirectionProblem, ..
         for problem in _of_shape(n, m, rng):
             problems += [
                 problem,
-                varied(problem, metric=rng.choice([0.5, 1.0, 2.0], n)),
-                varied(problem, radius=100.0 * n),
+                vary(problem, metric=rng.choice([0.5, 1.0, 2.0], n)),
+                vary(problem, radius=100.0 * n),
             ]
     return tuple(problems)
 

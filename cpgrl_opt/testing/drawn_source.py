@@ -10,7 +10,7 @@ from ..arrays import Float, Int, Jacobian, Mask, Vector
 from ..direction import Status
 from ..metric import Metric
 from ..problem import DirectionProblem
-from ..problems.assembly import varied
+from ..problems.assembly import vary
 from ..problems.case import ALL_CASES, Case, members
 from ..problems.geometry import Make
 from ..published.euclidean import euclidean
@@ -35,8 +35,15 @@ class DrawnSource:
         self._draw, self._given, self._most_rows = draw, (n, m), 1 if Case.ONE_ROW in cases else None
         self._parts: list[st.DrawFn] = []
 
-    def shape(self, n: int, m: int, *, least_rows: int = 1, least_parameters: int = 1) -> tuple[Any, ...]:  # noqa: ARG002
-        """Whatever is usual elsewhere, one of all shapes."""
+    def shape(
+        self,
+        n: int = 0,  # noqa: ARG002 - what is usual elsewhere
+        m: int = 0,  # noqa: ARG002
+        *,
+        least_rows: int = 1,
+        least_parameters: int = 1,
+    ) -> tuple[Any, ...]:
+        """One of all shapes, whatever is usual elsewhere."""
         if self._given != (None, None):
             return self._given
         if self._most_rows is not None:
@@ -122,7 +129,7 @@ class DrawnSource:
     def shortest(self, problem: DirectionProblem) -> float:
         """By the package's own solver: 12 rows are too many for rational numbers."""
         flat = euclidean(problem)
-        found = SOLVERS["active-set"].solve(varied(flat, gradient=np.zeros(problem.n)))
+        found = SOLVERS["active-set"].solve(vary(flat, gradient=np.zeros(problem.n)))
         return length(found.value) if found.status == Status.OPTIMAL else 0.0
 
     def _short(self, count: int) -> st.DrawFn:

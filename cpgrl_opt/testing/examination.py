@@ -21,7 +21,7 @@ from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .domain import domain_of, traits_of
 from .draws import only_shapes, small_shapes
-from .law import LawBroken, Outcome, takes
+from .law import LawError, Outcome, takes
 from .laws import Arguments, Law, part_drawn
 from .process_state import restore_generators, restore_process
 from .strategies import Case
@@ -67,12 +67,12 @@ class Examination:
         """Problems on which the solver was asked about the law."""
         return self.held + self.declined + self.broken
 
-    def count(self, law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> LawBroken | None:
+    def count(self, law: Law, solver: DirectionSolver, arguments: dict[str, Any]) -> LawError | None:
         """Puts the law to the solver once and counts the outcome; what broke it, if anything did."""
         try:
             outcome, tolerance = _outcome(law, solver, arguments)
             self._require_one_tolerance(tolerance)
-        except LawBroken as broken:
+        except LawError as broken:
             self.broken += 1
             self.loss = broken.__cause__ if isinstance(broken.__cause__, IsolationError) else None
             self.message = self.message or str(broken)
@@ -102,7 +102,7 @@ class Examination:
     def _require_one_tolerance(self, tolerance: float) -> None:
         self.tolerance = self.tolerance or tolerance
         if tolerance != self.tolerance:
-            raise LawBroken(f"tolerance should be one number; found {self.tolerance:g}, then {tolerance:g}")
+            raise LawError(f"tolerance should be one number; found {self.tolerance:g}, then {tolerance:g}")
 
 
 def examine(
@@ -169,7 +169,7 @@ def _are_taken(solver: DirectionSolver, arguments: dict[str, Any]) -> bool:
     """Whether the law may put them to the solver; one whose `supports` raises is reported by the law."""
     try:
         return all(takes(solver, problem) for problem in _problems_in(arguments))
-    except LawBroken:
+    except LawError:
         return True
 
 
@@ -301,13 +301,13 @@ def _shrunk(
             raise _Enough
         try:
             _outcome(law, solver, arguments, limit)
-        except LawBroken as broken:
+        except LawError as broken:
             smallest[:] = [(arguments, str(broken))]
             raise
 
     try:
         draws.searched(judge, Phase.generate, Phase.shrink)
-    except (LawBroken, _Enough):
+    except (LawError, _Enough):
         return smallest[0]
     except Exception as flaky:  # Hypothesis' own: a solver that answers the same problem now so, now otherwise
         if not smallest:
@@ -319,7 +319,7 @@ def _shrunk(
 def _outcome(
     law: Law, solver: DirectionSolver, arguments: dict[str, Any], limit: float | None = None
 ) -> tuple[Outcome, float]:
-    """The law put to the solver, and its tolerance then; LawBroken, caused by IsolationError, where it gets lost.
+    """The law put to the solver, and its tolerance then; LawError, caused by IsolationError, where it gets lost.
 
     limit: seconds that an isolated solver has, in place of its usual limit.
     """
@@ -329,7 +329,7 @@ def _outcome(
         found: tuple[Outcome, float] = solver.apply(_outcome_here, law.check, arguments, time_limit=limit)
     except IsolationError as lost:
         message = f"solve should come back with a Direction; found {lost}"
-        raise LawBroken(message, *_problems_in(arguments)[:1]) from lost
+        raise LawError(message, *_problems_in(arguments)[:1]) from lost
     return found
 
 

@@ -15,13 +15,12 @@ from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
-    NothingClaimed,
-    Outcome,
     law,
     length,
     optimum_of,
     require_near,
-    varied,
+    skip_unless,
+    vary,
 )
 from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound
@@ -56,7 +55,7 @@ def check_row_scaling(solver: DirectionSolver, problem: DirectionProblem, factor
     _require_same(
         solver,
         problem,
-        varied(problem, jacobian=c[:, None] * problem.jacobian, bound=c * problem.bound),
+        vary(problem, jacobian=c[:, None] * problem.jacobian, bound=c * problem.bound),
         "The lengths of the rows decide: normalise them before any rank decision or comparison of multipliers.",
         lambda answer: replace(answer, multipliers=c * answer.multipliers),
         f"after the rows' scaling by {c.tolist()}",
@@ -75,7 +74,7 @@ def check_scaling(solver: DirectionSolver, problem: DirectionProblem, factor: fl
     _require_same(
         solver,
         problem,
-        varied(problem, gradient=factor * problem.gradient, bound=factor * problem.bound, radius=radius),
+        vary(problem, gradient=factor * problem.gradient, bound=factor * problem.bound, radius=radius),
         "The direction has a length of its own, or an absolute tolerance: divide by σ = max(‖g‖, |b̂|) before solving.",
         lambda answer: replace(answer, value=answer.value / factor, multipliers=answer.multipliers / factor),
         f"after (g, b) times {factor:g}",
@@ -109,10 +108,9 @@ def check_inactive_row(solver: DirectionSolver, problem: DirectionProblem, row: 
     sizes = [length(first.value)] + ([length(problem.gradient)] if problem.radius is None else [])
     along, size = float(a @ first.value), length(a) * max(sizes)
     shifted = bool((problem.bound[~problem.equality] != 0).any())
-    if not shifted and not abs(along) > 1e-3 * size:
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(shifted or abs(along) > 1e-3 * size)
     new_row, new_bound = (a, along - margin * size) if shifted else (np.copysign(1.0, along) * a, 0.0)
-    other = varied(
+    other = vary(
         problem,
         jacobian=np.vstack([problem.jacobian, new_row]),
         bound=np.append(problem.bound, new_bound),
@@ -137,7 +135,7 @@ def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation:
     _require_same(
         solver,
         problem,
-        varied(problem, gradient=Q @ problem.gradient, jacobian=problem.jacobian @ Q.T, metric=M),
+        vary(problem, gradient=Q @ problem.gradient, jacobian=problem.jacobian @ Q.T, metric=M),
         "The coordinates decide: is the metric not the Euclidean one, or clipping done by component?",
         lambda answer: replace(answer, value=Q.T @ answer.value),
         "after the rotation",
@@ -148,7 +146,7 @@ def check_rotation(solver: DirectionSolver, problem: DirectionProblem, rotation:
 def _with_rows(problem: DirectionProblem, index: np.ndarray) -> DirectionProblem:
     """The constraints of these numbers, in this order."""
     jacobian, bound, equality = problem.jacobian[index], problem.bound[index], problem.equality[index]
-    return varied(problem, jacobian=jacobian, bound=bound, equality=equality)
+    return vary(problem, jacobian=jacobian, bound=bound, equality=equality)
 
 
 def _require_same(
@@ -156,7 +154,7 @@ def _require_same(
     back: Callable[[Answer], Answer] | None = None, when: str = "", *,
     is_moved: bool = False, first: Answer | None = None,
 ) -> None:  # fmt: skip
-    """LawBroken unless the problem and another form of it have the same direction, and the same multipliers.
+    """LawError unless the problem and another form of it have the same direction, and the same multipliers.
 
     back: from the answer to the other form to that of the problem; None where the other has more multipliers, which are
     not compared. when: how the message names that form. is_moved: `back` moves d, and both are judged as answers to the

@@ -1,4 +1,4 @@
-"""What a law is: a plain function of a solver and a problem that returns an `Outcome` or raises `LawBroken`."""
+"""What a law is: a plain function of a solver and a problem that returns an `Outcome` or raises `LawError`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ..answers import status_of
 from ..arrays import Multipliers, Vector
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..problems.assembly import varied as varied
+from ..problems.assembly import vary as vary
 from ..scaling import lengths
 from ..solvers import SOLVERS
 from ..solvers.facts import facts_of, is_single, tolerance_of
@@ -23,7 +23,7 @@ _LEAST_NORMAL_IN_SINGLE = float(np.finfo(np.float32).tiny)
 
 
 class Outcome(StrEnum):
-    """What became of one problem; a broken law is an exception, `LawBroken`."""
+    """What became of one problem; a broken law is an exception, `LawError`."""
 
     HELD = "held"
     DECLINED = "declined"  # the solver claimed nothing about a problem that it takes
@@ -31,7 +31,7 @@ class Outcome(StrEnum):
     UNSUPPORTED = "unsupported"  # the solver says only in its answer that it does not take the problem
 
 
-class LawBroken(AssertionError):  # noqa: N818 - the name says what happened
+class LawError(AssertionError):
     """A solver's answer contradicts a theorem; the message holds the numbers and what to look at.
 
     It ends with those of the problem and the answers that follow the message.
@@ -74,8 +74,14 @@ def law(check: Callable[..., None]) -> Callable[..., Outcome]:
     return counted
 
 
+def skip_unless(applies: bool) -> None:
+    """Ends a check early where the law says nothing about what it is put to."""
+    if not applies:
+        raise NothingClaimed(Outcome.SKIPPED)
+
+
 def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
-    """Whether the solver supports the problem, asked twice; LawBroken where its `supports` raises or wavers.
+    """Whether the solver supports the problem, asked twice; LawError where its `supports` raises or wavers.
 
     A solver that says that it computes in float32 takes what float32 holds.
     """
@@ -83,25 +89,22 @@ def takes(solver: DirectionSolver, problem: DirectionProblem) -> bool:
     try:
         said = [facts.supports(problem) for _ in range(2)]
     except Exception as error:
-        raise LawBroken(
+        raise LawError(
             f"supports should say True or False of a valid problem; it raised {type(error).__name__}: {error}", problem
         ) from error
-    if said[0] != said[1]:
-        message = f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
-        raise LawBroken(message, problem)
+    message = f"supports should say the same of one problem each time; found {said[0]}, then {said[1]}"
+    require(said[0] == said[1], message, problem)
     return said[0] and (not facts.is_single or is_held_in_single(problem))
 
 
 def answer_of(solver: DirectionSolver, problem: DirectionProblem) -> Answer:
-    """The solver's answer, of whatever status. LawBroken when it raises or is malformed; skips what is unsupported.
+    """The solver's answer, of whatever status. LawError when it raises or is malformed; skips what is unsupported.
 
     An answer in float32 to a problem with numbers that float32 does not hold is an answer to another problem: skipped.
     """
-    if not takes(solver, problem):
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(takes(solver, problem))
     direction = ask(solver.solve, problem, problem)
-    if is_single(getattr(getattr(direction, "value", None), "dtype", None)) and not is_held_in_single(problem):
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(not is_single(getattr(getattr(direction, "value", None), "dtype", None)) or is_held_in_single(problem))
     return read_answer(problem, direction)
 
 
@@ -111,7 +114,7 @@ def ask(
     problem: DirectionProblem,
     what: str = "solve should answer a valid problem with a Direction and a Status",
 ) -> Any:
-    """solve(argument); LawBroken, which shows the problem, where it raises."""
+    """solve(argument); LawError, which shows the problem, where it raises."""
     try:
         return solve(argument)
     except Exception as error:
@@ -119,30 +122,27 @@ def ask(
         if not is_held_in_single(problem):
             notes.append(" (A solver that computes in float32 should say so: dtype = 'float32')")
         message = f"{what}; it raised {type(error).__name__}: {error}{''.join(notes)}"
-        raise LawBroken(message, problem) from error
+        raise LawError(message, problem) from error
 
 
 def read_answer(problem: DirectionProblem, direction: Any) -> Answer:
-    """The parts of a direction; LawBroken where one is missing, not numbers, or of a wrong shape."""
+    """The parts of a direction; LawError where one is missing, not numbers, or of a wrong shape."""
     try:
         value = np.array(direction.value, dtype=np.float64)
         multipliers = np.array(direction.multipliers, dtype=np.float64)
         status = status_of(direction.status)
         radius_multiplier = float(getattr(direction, "radius_multiplier", 0.0))
     except (AttributeError, TypeError, ValueError, KeyError) as error:
-        raise LawBroken(
+        raise LawError(
             "solve should return an object with value (n,), multipliers (m,) and status, a cpgrl_opt.Status or its "
             f"number or name; found {direction!r} ({type(error).__name__}: {error})",
             problem,
         ) from error
-    if value.shape != (problem.n,) or multipliers.shape != (problem.m,):
-        raise LawBroken(
-            f"value and multipliers should have shapes ({problem.n},) and ({problem.m},); "
-            f"found {value.shape} and {multipliers.shape}",
-            problem,
-        )
+    shapes, found = f"({problem.n},) and ({problem.m},)", f"{value.shape} and {multipliers.shape}"
+    message = f"value and multipliers should have shapes {shapes}; found {found}"
+    require(value.shape == (problem.n,) and multipliers.shape == (problem.m,), message, problem)
     if status <= Status.INFEASIBLE and not (np.isfinite(value).all() and np.isfinite(multipliers).all()):
-        raise LawBroken(
+        raise LawError(
             f"value and multipliers of an answer called {status.name} should be finite; "
             f"found {value.tolist()} and {multipliers.tolist()}",
             problem,
@@ -167,8 +167,7 @@ def reference_optimum(problem: DirectionProblem) -> tuple[Answer, float]:
     """The direction by enumeration and its tolerance; where it claims nothing, the law is skipped."""
     oracle = SOLVERS["enumeration"]
     answer = answer_of(oracle, problem)
-    if answer.status != Status.OPTIMAL:
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(answer.status == Status.OPTIMAL)
     return answer, tolerance_of(oracle)
 
 
@@ -181,18 +180,24 @@ def same_bits(first: Answer, second: Answer) -> bool:
     )
 
 
+def require(holds: bool, message: str, problem: DirectionProblem, *answers: Answer) -> None:
+    """LawError with the message, the problem and the answers unless it holds."""
+    if not holds:
+        raise LawError(message, problem, *answers)
+
+
 def require_at_most(
     found: float, limit: float, what: str, advice: str, problem: DirectionProblem, *answers: Answer
 ) -> None:
-    """LawBroken unless found ≤ limit; NaN is not."""
-    if not found <= limit:
-        raise LawBroken(f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}", problem, *answers)
+    """LawError unless found ≤ limit; NaN is not."""
+    message = f"{what} should be at most {limit:.3g}; found {found:.6g}. {advice}"
+    require(found <= limit, message, problem, *answers)
 
 
 def require_near(
     problem: DirectionProblem, answers: tuple[Answer, Answer], limit: float, what: str, advice: str
 ) -> None:
-    """LawBroken unless the two directions are at most so far apart, in the metric where there is one."""
+    """LawError unless the two directions are at most so far apart, in the metric where there is one."""
     first, second = answers
     require_at_most(length(whitened(problem, first.value - second.value)), limit, what, advice, problem, *answers)
 

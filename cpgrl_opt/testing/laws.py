@@ -12,7 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from ..problem import DirectionProblem
-from ..problems.assembly import rescaled, varied
+from ..problems.assembly import rescale, vary
 from ..problems.case import ALL_CASES, GEOMETRIES, LIMITS, SHIFTED_CASES, Case
 from ..problems.geometry import HUGE, Make, in_ball, in_metric, out_of_reach
 from ..problems.infeasible import infeasible
@@ -132,57 +132,47 @@ def _two_of_every_kind(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, An
     problem = draw(_problems_of_every_kind(cases))
     if draw(st.booleans()):
         return {"problem": problem, "between": draw(_problems_of_every_kind(cases))}
-    return {"problem": problem, "between": varied(problem, gradient=integers(draw, problem.n))}
+    return {"problem": problem, "between": vary(problem, gradient=integers(draw, problem.n))}
 
 
-@st.composite
-def _with_gradient(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(well_posed_problems(cases))
+def _with(
+    name: str, argument: str, choose: Callable[[st.DrawFn, DirectionProblem], Any], least_rows: int = 0
+) -> Callable[[Collection[Case]], Arguments]:
+    """A well-posed problem, and one argument more that is drawn for it. name: of the source, which seeds the draws."""
+
+    @st.composite
+    def source(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
+        problems = well_posed_problems(cases)
+        problem = draw(problems.filter(lambda each: each.m >= least_rows) if least_rows else problems)
+        return {"problem": problem, argument: choose(draw, problem)}
+
+    source.__name__ = name
+    return source
+
+
+def _draw_gradient(draw: st.DrawFn, problem: DirectionProblem) -> np.ndarray:
     size = float(np.abs(problem.gradient).max()) or 1.0
-    return {"problem": problem, "other": problem.gradient + size / 9 * integers(draw, problem.n)}
+    return problem.gradient + size / 9 * integers(draw, problem.n)
 
 
-@st.composite
-def _with_order(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(well_posed_problems(cases))
-    return {"problem": problem, "order": orders(draw, problem.m)}
-
-
-@st.composite
-def _with_factors(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(well_posed_problems(cases))
-    return {"problem": problem, "factors": row_factors(draw, problem.m, draw(any_of((3.0, 1e4, 1e6))))}
-
-
-@st.composite
-def _with_factor(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    return {
-        "problem": draw(well_posed_problems(cases)),
-        "factor": draw(any_of((2.0, 0.3, 1e4, 1e-4, 1e8, 1e-8))),
-    }
-
-
-@st.composite
-def _with_index(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(well_posed_problems(cases).filter(lambda problem: problem.m > 0))
-    return {"problem": problem, "row": draw(between(0, problem.m - 1))}
-
-
-@st.composite
-def _with_row(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(well_posed_problems(cases))
-    return {"problem": problem, "row": integers(draw, problem.n)}
-
-
-@st.composite
-def _with_rotation(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    problem = draw(well_posed_problems(cases))
-    return {"problem": problem, "rotation": np.linalg.qr(integers(draw, problem.n, problem.n))[0]}
+_with_gradient = _with("_with_gradient", "other", _draw_gradient)
+_with_order = _with("_with_order", "order", lambda draw, problem: orders(draw, problem.m))
+_with_factors = _with(
+    "_with_factors",
+    "factors",
+    lambda draw, problem: row_factors(draw, problem.m, draw(any_of((3.0, 1e4, 1e6)))),
+)
+_with_factor = _with("_with_factor", "factor", lambda draw, _: draw(any_of((2.0, 0.3, 1e4, 1e-4, 1e8, 1e-8))))
+_with_index = _with("_with_index", "row", lambda draw, problem: draw(between(0, problem.m - 1)), least_rows=1)
+_with_row = _with("_with_row", "row", lambda draw, problem: integers(draw, problem.n))
+_with_rotation = _with(
+    "_with_rotation", "rotation", lambda draw, problem: np.linalg.qr(integers(draw, problem.n, problem.n))[0]
+)
 
 
 @st.composite
 def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
-    n, m = DrawnSource(draw, cases).shape(3, 3)
+    n, m = DrawnSource(draw, cases).shape()
     problem = draw(_problems_of_shape(n, m, cases))
     where = draw(any_of(("gradient", "jacobian", "bound")))
     values = (float("nan"), float("inf")) if where == "bound" else (float("nan"), float("inf"), float("-inf"))
@@ -192,42 +182,46 @@ def _with_bad_number(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]
 @st.composite
 def _batches(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     """One to four problems of one shape, infeasible ones among them, or up to 64 made of these."""
-    n, m = DrawnSource(draw, cases).shape(3, 3)
-    problem = _problems_of_shape(n, m, cases)
-    kinds: list[Case | None] = [None, None, None, *(case for case in cases if case.is_geometry)]
-    kind = draw(any_of(kinds))  # of one batch, all have a radius or none
-    if kind is not None and Case.BALL not in cases:
-        problem = problems_in_geometry(n, m, cases=[*constraints_of(cases), kind])
-    elif Case.BALL not in cases and any(case.is_shifted for case in constraints_of(cases)):
+    n, m, problem, has_geometry = _draw_shape_and_geometry(draw, cases, without=3)
+    if not has_geometry and Case.BALL not in cases and any(case.is_shifted for case in constraints_of(cases)):
         problem = st.one_of(problem, problem, infeasible_problems(n, m, cases=constraints_of(cases)))
     few, count = draw(st.lists(problem, min_size=1, max_size=4)), draw(any_of(_BATCH_SIZES))
-    is_short = are_small() or (kind is not None and Case.BALL not in cases)  # geometry takes ten times as long
-    return {"problems": few if is_short else _lengthened(few, count)}
+    is_short = are_small() or has_geometry  # geometry takes ten times as long
+    return {"problems": few if is_short else _lengthen(few, count)}
 
 
 @st.composite
 def _with_neighbours(draw: st.DrawFn, cases: Collection[Case]) -> dict[str, Any]:
     """A problem, one or two beside it, and as many others, some of them in extreme units; all in one geometry."""
-    n, m = DrawnSource(draw, cases).shape(3, 3)
-    kinds: list[Case | None] = [None, *(case for case in cases if case.is_geometry)]
-    kind = draw(any_of(kinds))
-    problems = _problems_of_shape(n, m, cases)
-    if kind is not None and Case.BALL not in cases:
-        problems = problems_in_geometry(n, m, cases=[*constraints_of(cases), kind])
+    _, m, problems, _ = _draw_shape_and_geometry(draw, cases)
     problem, near, far = (draw(problems) for _ in range(3))
     beside = [near] * draw(between(1, 2))
     scale, row_scale = draw(any_of(_EXTREME_UNITS))
-    others = [rescaled(far, scale, row_factors(draw, m, row_scale)) for _ in beside]
+    others = [rescale(far, scale, row_factors(draw, m, row_scale)) for _ in beside]
     return {"problem": problem, "beside": beside, "others": others}
 
 
-def _lengthened(problems: list[DirectionProblem], count: int) -> list[DirectionProblem]:
+def _draw_shape_and_geometry(
+    draw: st.DrawFn, cases: Collection[Case], without: int = 1
+) -> tuple[int, int, Problems, bool]:
+    """(n, m, problems of that shape, whether they have a geometry that not all have): of one batch, all or none.
+
+    without: how often there is none, for each time that there is a metric, and a ball.
+    """
+    n, m = DrawnSource(draw, cases).shape()
+    kind = draw(any_of([*[None] * without, *(case for case in cases if case.is_geometry)]))
+    if kind is None or Case.BALL in cases:
+        return n, m, _problems_of_shape(n, m, cases), False
+    return n, m, problems_in_geometry(n, m, cases=[*constraints_of(cases), kind]), True
+
+
+def _lengthen(problems: list[DirectionProblem], count: int) -> list[DirectionProblem]:
     """The same over and over, `count` in all, each time in another unit, so that no two have the same answer."""
     longer = list(problems)
     while len(longer) < count:
         problem, unit = problems[len(longer) % len(problems)], float(1 + len(longer) // len(problems))
         radius = None if problem.radius is None else unit * problem.radius
-        longer.append(varied(problem, gradient=unit * problem.gradient, bound=unit * problem.bound, radius=radius))
+        longer.append(vary(problem, gradient=unit * problem.gradient, bound=unit * problem.bound, radius=radius))
     return longer
 
 

@@ -14,7 +14,7 @@ from .law import Answer, length, require_at_most, whitened
 def require_same_multipliers(
     solver: DirectionSolver, problem: DirectionProblem, answers: tuple[Answer, Answer], apart: float, when: str
 ) -> None:
-    """LawBroken unless ‖Δμ̂‖ ≤ (`apart` + 2(1 + m)εσ)/σ_min(Ĵ) on the rows that are on, ‖Δd‖ being ≤ `apart`.
+    """LawError unless ‖Δμ̂‖ ≤ (`apart` + 2(1 + m)εσ)/σ_min(Ĵ) on the rows that are on, ‖Δd‖ being ≤ `apart`.
 
     Each μ solves Jᵀμ = d − g to εσ, and is at most εσ on a row that is off. Nothing is asked where the rows that are on
     depend, for then μ is not unique, or where there is a radius, since forces have a unit of their own there.

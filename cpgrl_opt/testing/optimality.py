@@ -16,14 +16,13 @@ from ..scaling import unit_rows
 from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import (
-    NothingClaimed,
-    Outcome,
     law,
     length,
     optimum_of,
     reference_optimum,
     require_at_most,
     require_near,
+    skip_unless,
 )
 from .multipliers import require_same_multipliers
 from .sensitivity import answers_bound, distance_bound, hoffman_constant
@@ -67,10 +66,8 @@ def check_gradient_kept_when_feasible(solver: DirectionSolver, problem: Directio
     Source: a projection fixes the points of its set; Boyd & Vandenberghe, Convex Optimization, §8.1.
     """
     slack = problem.jacobian @ problem.gradient - problem.bound
-    if not np.where(problem.equality, slack == 0, slack >= 0).all():
-        raise NothingClaimed(Outcome.SKIPPED)
-    if problem.metric is not None or problem.radius is not None:
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(bool(np.where(problem.equality, slack == 0, slack >= 0).all()))
+    skip_unless(problem.metric is None and problem.radius is None)
     answer = optimum_of(solver, problem)
     require_at_most(
         length(answer.value - problem.gradient),

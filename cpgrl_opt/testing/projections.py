@@ -13,14 +13,13 @@ from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
-    NothingClaimed,
-    Outcome,
     law,
     length,
     optimum_of,
     require_at_most,
     require_near,
-    varied,
+    skip_unless,
+    vary,
     whitened,
 )
 from .sensitivity import distance_bound
@@ -84,10 +83,10 @@ def check_restoration_is_normal(solver: DirectionSolver, problem: DirectionProbl
     problem. With b = −slack v is −d of eq. 10, so P d = 0. In a metric, with a radius or an inequality: skipped.
     Source: eq. 9–10 of the paper; Ben-Israel & Greville, Generalized Inverses, §3.2.
     """
-    _require_tangent_face(problem)
+    skip_unless(_is_tangent_face(problem))
     restoring = with_gradient(problem, np.zeros(problem.n))
     v = optimum_of(solver, restoring)
-    tangent = varied(restoring, gradient=v.value, bound=np.zeros(problem.m))
+    tangent = vary(restoring, gradient=v.value, bound=np.zeros(problem.m))
     s = optimum_of(solver, tangent)
     epsilon = tolerance_of(solver)
     require_at_most(
@@ -109,9 +108,7 @@ def check_symmetry(solver: DirectionSolver, problem: DirectionProblem, other: Ar
     orthogonal one is symmetric. In a metric, with a radius, an inequality or b ≠ 0: skipped.
     Source: eq. 9 of the paper; Halmos, Finite-Dimensional Vector Spaces, §75.
     """
-    _require_tangent_face(problem)
-    if problem.bound.any():
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(_is_tangent_face(problem) and not problem.bound.any())
     second_problem = with_gradient(problem, other)
     first, second = optimum_of(solver, problem), optimum_of(solver, second_problem)
     sizes = [length(problem.gradient), length(second_problem.gradient)]
@@ -131,14 +128,13 @@ def check_symmetry(solver: DirectionSolver, problem: DirectionProblem, other: Ar
     )
 
 
-def _require_tangent_face(problem: DirectionProblem) -> None:
-    if problem.metric is not None or problem.radius is not None or not problem.equality.all():
-        raise NothingClaimed(Outcome.SKIPPED)
+def _is_tangent_face(problem: DirectionProblem) -> bool:
+    return problem.metric is None and problem.radius is None and bool(problem.equality.all())
 
 
 def with_gradient(problem: DirectionProblem, gradient: ArrayLike) -> DirectionProblem:
     """The same constraints around another gradient."""
-    return varied(problem, gradient=gradient)
+    return vary(problem, gradient=gradient)
 
 
 def _as_gradient(problem: DirectionProblem, direction: Vector) -> Vector:

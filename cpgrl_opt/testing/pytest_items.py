@@ -9,16 +9,16 @@ from hypothesis import settings
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
 from .domain import domain_of
-from .law import LawBroken
+from .law import LawError
 from .laws import LAWS, Law
 from .verdict import CheckResult, check_law
 
 
 @dataclass(frozen=True)
 class SolverCheck:
-    """Calling it with the solver puts one law to it: LawBroken where the law breaks, pytest.skip if unsupported.
+    """Calling it with the solver puts one law to it: LawError where the law breaks, pytest.skip if unsupported.
 
-    LawBroken, too, for a solver that takes no law's problems: its items would all be skipped. reason: why the law is
+    LawError, too, for a solver that takes no law's problems: its items would all be skipped. reason: why the law is
     bound to break; pytest.xfail then where it does.
     """
 
@@ -34,7 +34,7 @@ class SolverCheck:
         examples = self.max_examples or settings().max_examples
         result = check_law(self.law, solver, reason=self.reason, max_examples=examples, seed=self.seed)
         if not result.supported and not domain_of(solver).cases:
-            raise LawBroken(f"{solver!r} should take some of the laws' problems; found that `supports` takes none")
+            raise LawError(f"{solver!r} should take some of the laws' problems; found that `supports` takes none")
         if not result.supported:
             pytest.skip(f"{self.law.name}: the solver declares no such cases, or has no method for them")
         if result.problem and result.passed:

@@ -31,7 +31,9 @@ from ..projection import RANK_TOLERANCE
 from ..published.euclidean import euclidean
 from ..scaling import unit_rows
 from ..solvers import SOLVERS
-from .law import Answer, NothingClaimed, Outcome, length, whitened
+from ..solvers.facts import tolerance_of
+from ..solvers.interface import DirectionSolver
+from .law import Answer, length, require_near, same_bits, skip_unless, whitened
 
 _EPS = float(np.finfo(np.float64).eps)
 MOST_SETS = 10_000  # of rows, whose singular values are looked at
@@ -93,9 +95,18 @@ def answers_bound(problem: DirectionProblem, residual: float, *answers: Answer) 
         told = min(answer.radius_multiplier for answer in answers)
         kappa = min(max(told, certified / 4), certified) if told > 0 else certified / 4  # told may be NaN
     bound = distance_bound(problem, residual, *(answer.value for answer in answers), radius_multiplier=kappa)
-    if not bound < np.inf:
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(bound < np.inf)
     return bound
+
+
+def require_same_optimum(
+    solver: DirectionSolver, problem: DirectionProblem, answers: tuple[Answer, Answer], what: str, advice: str
+) -> None:
+    """LawError unless two OPTIMAL answers of a solver to one problem are within 2 · `answers_bound`(ε)."""
+    first, second = answers
+    if first.status == second.status == Status.OPTIMAL and not same_bits(first, second):
+        allowed = 2 * answers_bound(problem, tolerance_of(solver), first, second)
+        require_near(problem, answers, allowed, what, advice)
 
 
 @lru_cache(maxsize=8)  # by identity: a law asks for each form of a problem once or twice

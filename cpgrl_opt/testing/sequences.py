@@ -5,22 +5,22 @@ from typing import Any, cast
 
 from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.facts import facts_of, tolerance_of
+from ..solvers.facts import facts_of
 from ..solvers.interface import DirectionSolver
 from .law import (
-    Answer,
-    LawBroken,
-    NothingClaimed,
-    Outcome,
+    LawError,
     answer_of,
     ask,
     law,
     read_answer,
-    require_near,
+    require,
     same_bits,
+    skip_unless,
     takes,
 )
-from .sensitivity import answers_bound
+from .sensitivity import require_same_optimum
+
+_ADVICE = "What was solved before, or beside it, should not change an answer."
 
 
 @law
@@ -30,20 +30,19 @@ def check_batch_is_loop(solver: DirectionSolver, problems: Sequence[DirectionPro
     ‖Δd‖ ≤ 2 · `distance_bound`(ε). Problems of one shape; skipped for a solver without solve_batch.
     Source: runs are independent.
     """
-    if not facts_of(solver).has_batch or not all(takes(solver, problem) for problem in problems):
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(facts_of(solver).has_batch and all(takes(solver, problem) for problem in problems))
     together = _solve_batch(solver, problems)
     if len(together) != len(problems):
-        raise LawBroken(f"solve_batch should return {len(problems)} directions; found {len(together)}")
+        raise LawError(f"solve_batch should return {len(problems)} directions; found {len(together)}")
     for k, problem in enumerate(problems):
         alone, member = answer_of(solver, problem), read_answer(problem, together[k])
-        if alone.status != member.status:
-            raise LawBroken(
-                f"solve_batch(problems)[{k}] should have the status {alone.status.name} that solve(problems[{k}]) has; "
-                f"found {member.status.name}",
-                problem, alone, member,
-            )  # fmt: skip
-        _require_same(solver, problem, (alone, member), f"‖solve_batch(problems)[{k}] − solve(problems[{k}])‖")
+        message = (
+            f"solve_batch(problems)[{k}] should have the status {alone.status.name} that solve(problems[{k}]) has; "
+            f"found {member.status.name}"
+        )
+        require(alone.status == member.status, message, problem, alone, member)
+        what = f"‖solve_batch(problems)[{k}] − solve(problems[{k}])‖"
+        require_same_optimum(solver, problem, (alone, member), what, _ADVICE)
 
 
 @law
@@ -60,15 +59,14 @@ def check_neighbours_change_nothing(
     Source: runs are independent, so that run k is repeated exactly beside other runs.
     """
     batches = [[*beside, problem], [*others, problem]]
-    if not facts_of(solver).has_batch or not all(takes(solver, each) for batch in batches for each in batch):
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(facts_of(solver).has_batch and all(takes(solver, each) for batch in batches for each in batch))
     first, second = (read_answer(problem, _solve_batch(solver, batch)[len(batch) - 1]) for batch in batches)
-    if not (same_bits(first, second) and first.radius_multiplier == second.radius_multiplier):
-        raise LawBroken(
-            "an answer in a batch should not change with its neighbours, not in its last bit; found that it does. "
-            "Scale and stop each problem by its own numbers, not by those of the batch",
-            problem, first, second,
-        )  # fmt: skip
+    message = (
+        "an answer in a batch should not change with its neighbours, not in its last bit; found that it does. "
+        "Scale and stop each problem by its own numbers, not by those of the batch"
+    )
+    is_same = same_bits(first, second) and first.radius_multiplier == second.radius_multiplier
+    require(is_same, message, problem, first, second)
 
 
 @law
@@ -79,31 +77,17 @@ def check_warm_start_is_cold_start(solver: DirectionSolver, problems: Sequence[D
     Problems of one shape; skipped for a solver without such a session.
     Source: the optimum is one wherever one starts.
     """
-    if not facts_of(solver).has_warm_start or not all(takes(solver, problem) for problem in problems):
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(facts_of(solver).has_warm_start and all(takes(solver, problem) for problem in problems))
     session: Any = cast(Any, solver).session(problems[0].n, problems[0].m, warm_start=True)
     for k, problem in enumerate(problems):
         cold, warm = answer_of(solver, problem), answer_of(session, problem)
-        if {cold.status, warm.status} == {Status.OPTIMAL, Status.INFEASIBLE}:
-            raise LawBroken(
-                f"problem {k} should have one status; found {warm.status.name} from a warm start and "
-                f"{cold.status.name} from a cold one",
-                problem, cold, warm,
-            )  # fmt: skip
-        _require_same(solver, problem, (cold, warm), f"‖d − d'‖ of problem {k} from a cold and a warm start")
+        statuses = f"{warm.status.name} from a warm start and {cold.status.name} from a cold one"
+        contradicts = {cold.status, warm.status} == {Status.OPTIMAL, Status.INFEASIBLE}
+        require(not contradicts, f"problem {k} should have one status; found {statuses}", problem, cold, warm)
+        what = f"‖d − d'‖ of problem {k} from a cold and a warm start"
+        require_same_optimum(solver, problem, (cold, warm), what, _ADVICE)
 
 
 def _solve_batch(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> Any:
     what = f"solve_batch should answer {len(problems)} valid problems"
     return ask(cast(Any, solver).solve_batch, problems, problems[0], what)
-
-
-def _require_same(
-    solver: DirectionSolver, problem: DirectionProblem, answers: tuple[Answer, Answer], what: str
-) -> None:
-    """LawBroken unless two OPTIMAL answers to one problem agree."""
-    first, second = answers
-    if first.status == second.status == Status.OPTIMAL and not same_bits(first, second):
-        allowed = 2 * answers_bound(problem, tolerance_of(solver), first, second)
-        advice = "What was solved before, or beside it, should not change an answer."
-        require_near(problem, (first, second), allowed, what, advice)

@@ -9,26 +9,23 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..direction import Status
 from ..problem import DirectionProblem
-from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 from .law import (
     Answer,
-    LawBroken,
-    NothingClaimed,
-    Outcome,
+    LawError,
     answer_of,
     ask,
     law,
     read_answer,
-    require_near,
+    require,
     same_bits,
+    skip_unless,
     takes,
-    varied,
+    vary,
 )
 from .process_state import CHANGED_BY_IMPORTS, changes_since, restore_generators, restore_process, snapshot
-from .sensitivity import answers_bound
+from .sensitivity import require_same_optimum
 
 _THREADS, _ROUNDS = 4, 1
 _SWITCH_INTERVAL = 5e-5  # s, for 5 ms: threads then meet inside of one solve
@@ -42,12 +39,11 @@ def check_answers_stay(solver: DirectionSolver, problem: DirectionProblem, betwe
     Bit for bit; of solve and, where there is one, of solve_batch. Read-only arrays are not written to.
     Source: answers are kept beside each other; an array that is returned is the caller's.
     """
-    if not takes(solver, problem):
-        raise NothingClaimed(Outcome.SKIPPED)
-    _require_lasting(solver, problem, between, lambda each: solver.solve(varied(each)))
+    skip_unless(takes(solver, problem))
+    _require_lasting(solver, problem, between, lambda each: solver.solve(vary(each)))
     if hasattr(solver, "solve_batch") and between.jacobian.shape == problem.jacobian.shape:
         batch: Callable[[Any], Any] = cast(Any, solver).solve_batch
-        _require_lasting(solver, problem, between, lambda each: batch([varied(each)])[0])
+        _require_lasting(solver, problem, between, lambda each: batch([vary(each)])[0])
 
 
 @law
@@ -58,8 +54,7 @@ def check_threads_do_not_meet(solver: DirectionSolver, problem: DirectionProblem
     Source: a solver is a function.
     """
     problems = [each for each in (problem, between) if takes(solver, each)]
-    if not problems:
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(bool(problems))
     alone = [answer_of(solver, problem) for problem in problems]
     with restore_process():
         sys.setswitchinterval(_SWITCH_INTERVAL)
@@ -69,14 +64,14 @@ def check_threads_do_not_meet(solver: DirectionSolver, problem: DirectionProblem
     for k, answer in together:
         if isinstance(answer, Exception):
             message = f"solve should answer while other threads solve too; it raised {type(answer).__name__}: {answer}"
-            raise LawBroken(message, problems[k])
-        _require_same(solver, problems[k], alone[k], answer)
-    if changed:
-        raise LawBroken(
-            f"four threads that solve should leave the process as it was; found changed: {', '.join(changed)}. What is "
-            "swapped and put back by each call is put back in another order by two",
-            problems[0],
-        )
+            raise LawError(message, problems[k])
+        advice = "Keep what a call works with in that call: threads share the solver's attributes and module's globals."
+        statuses = f"say {alone[k].status.name} in a thread too; found {answer.status.name}"
+        same = alone[k].status == answer.status
+        require(same, f"solve should {statuses}. {advice}", problems[k], alone[k], answer)
+        require_same_optimum(solver, problems[k], (alone[k], answer), "‖d − d'‖ of one thread and of four", advice)
+    advice = "What is swapped and put back by each call is put back in another order by two"
+    _require_unchanged(changed, "four threads that solve should", advice, problems[0])
 
 
 @law
@@ -93,12 +88,11 @@ def check_global_state_is_unchanged(solver: DirectionSolver, problem: DirectionP
             before = snapshot()
             answer_of(solver, problem)
             changed = [name for name in changes_since(before) if call == 1 or name not in CHANGED_BY_IMPORTS]
-        if changed:
-            raise LawBroken(
-                f"solve should leave the process as it was; found changed: {', '.join(changed)}. Use a generator, a "
-                "context or an option of your own",
-                problem,
-            )
+        _require_unchanged(changed, "solve should", "Use a generator, a context or an option of your own", problem)
+
+
+def _require_unchanged(changed: Sequence[str], who: str, advice: str, problem: DirectionProblem) -> None:
+    require(not changed, f"{who} leave the process as it was; found changed: {', '.join(changed)}. {advice}", problem)
 
 
 def _require_lasting(
@@ -110,22 +104,20 @@ def _require_lasting(
         with suppress(Exception):  # other laws are about what becomes of it
             solve(between)
     later = read_answer(problem, kept)
-    if not same_bits(first, later):
-        raise LawBroken(
-            "an answer should stay as it is when another problem is solved; found that it changed: return copies of "
-            "what the next call writes to",
-            problem, first, later,
-        )  # fmt: skip
+    message = (
+        "an answer should stay as it is when another problem is solved; found that it changed: return copies of what "
+        "the next call writes to"
+    )
+    require(same_bits(first, later), message, problem, first, later)
     for array in (kept.value, kept.multipliers):
         if isinstance(array, np.ndarray) and array.flags.writeable:
             array[...] = 77.0
     again = read_answer(problem, ask(solve, problem, problem))
-    if not same_bits(first, again):
-        raise LawBroken(
-            "what a caller writes into an answer should not come back in the next; found that it did: return copies of "
-            "what is kept",
-            problem, first, again,
-        )  # fmt: skip
+    message = (
+        "what a caller writes into an answer should not come back in the next; found that it did: return copies of "
+        "what is kept"
+    )
+    require(same_bits(first, again), message, problem, first, again)
 
 
 def _in_threads(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -> list[tuple[int, Answer | Exception]]:
@@ -148,17 +140,5 @@ def _in_threads(solver: DirectionSolver, problems: Sequence[DirectionProblem]) -
     for thread in threads:
         thread.join(_LONGEST_WAIT)
         if thread.is_alive():
-            raise LawBroken("four threads should all come back; found one that waits", problems[0])
+            raise LawError("four threads should all come back; found one that waits", problems[0])
     return answers
-
-
-def _require_same(solver: DirectionSolver, problem: DirectionProblem, alone: Answer, answer: Answer) -> None:
-    if same_bits(alone, answer):
-        return
-    advice = "Keep what a call works with in that call: threads share the solver's attributes and module's globals."
-    if alone.status != answer.status:
-        message = f"solve should say {alone.status.name} in a thread too; found {answer.status.name}. {advice}"
-        raise LawBroken(message, problem, alone, answer)
-    if alone.status == Status.OPTIMAL:
-        allowed = 2 * answers_bound(problem, tolerance_of(solver), alone, answer)
-        require_near(problem, (alone, answer), allowed, "‖d − d'‖ of one thread and of four", advice)

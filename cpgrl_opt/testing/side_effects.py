@@ -15,15 +15,16 @@ from ..direction import Status
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
 from .law import (
-    LawBroken,
+    LawError,
     NothingClaimed,
-    Outcome,
     answer_of,
     law,
     read_answer,
+    require,
     same_bits,
+    skip_unless,
     takes,
-    varied,
+    vary,
 )
 
 _ARRAYS = ("gradient", "jacobian", "bound", "equality", "metric")
@@ -39,26 +40,24 @@ def check_non_finite_is_refused(
     Source: comparisons with NaN are false, so a violated constraint looks met; IEEE 754 §5.11.
     """
     array = getattr(problem, where)
-    if not takes(solver, problem) or array.size == 0 or (where == "bound" and value == -np.inf):
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(takes(solver, problem) and array.size > 0 and not (where == "bound" and value == -np.inf))
     forged = writable_copy(problem)
     getattr(forged, where).flat[0] = value
     try:
         status = read_answer(problem, solver.solve(forged)).status
     except ValueError:
         return
-    except LawBroken:
+    except LawError:
         raise
     except Exception as error:
-        raise LawBroken(
+        raise LawError(
             f"{value} in {where} should raise ValueError; found {type(error).__name__}: {error}", forged
         ) from error
-    if status in (Status.OPTIMAL, Status.INFEASIBLE):
-        raise LawBroken(
-            f"{value} in {where} should raise ValueError; found the status {status.name}. Check the input for what is "
-            "not finite, or let kkt_residuals judge the answer",
-            forged,
-        )
+    message = (
+        f"{value} in {where} should raise ValueError; found the status {status.name}. Check the input for what is not "
+        "finite, or let kkt_residuals judge the answer"
+    )
+    require(status not in (Status.OPTIMAL, Status.INFEASIBLE), message, forged)
 
 
 @law
@@ -72,7 +71,7 @@ def check_input_is_unchanged(solver: DirectionSolver, problem: DirectionProblem)
     for name in _ARRAYS:
         before, after = getattr(problem, name), getattr(given, name)
         if before is not None and before.tobytes() != after.tobytes():
-            raise LawBroken(
+            raise LawError(
                 f"solve should leave problem.{name} as it is; found {after.tolist()} where {before.tolist()} was. "
                 "Work on a copy",
                 problem,
@@ -91,12 +90,11 @@ def check_answers_repeat(solver: DirectionSolver, problem: DirectionProblem, bet
     with suppress(NothingClaimed):
         answer_of(solver, between)
     again = answer_of(solver, problem)
-    if not same_bits(first, again):
-        raise LawBroken(
-            "the same problem should give the same answer after another one was solved in between; found two. Warm "
-            "starts, active sets and random streams that live on between calls should be explicit objects",
-            problem, first, again,
-        )  # fmt: skip
+    message = (
+        "the same problem should give the same answer after another one was solved in between; found two. Warm starts, "
+        "active sets and random streams that live on between calls should be explicit objects"
+    )
+    require(same_bits(first, again), message, problem, first, again)
 
 
 @law
@@ -107,17 +105,15 @@ def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
     """
     with _overheard() as noise:
         answer_of(solver, problem)
-    if noise:
-        raise LawBroken(
-            f"solve should print nothing; found {''.join(noise)[:300]!r}. Switch output off through the back end's own "
-            "options",
-            problem,
-        )
+    message = (
+        f"solve should print nothing; found {''.join(noise)[:300]!r}. Switch output off through the back end's own"
+    )
+    require(not noise, f"{message} options", problem)
 
 
 def writable_copy(problem: DirectionProblem) -> DirectionProblem:
     """The same problem on arrays that can be written to, as a caller's own class might have them."""
-    copy = varied(problem)
+    copy = vary(problem)
     for name in _ARRAYS:
         if getattr(problem, name) is not None:
             object.__setattr__(copy, name, getattr(problem, name).copy())

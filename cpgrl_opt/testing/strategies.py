@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ..arrays import Float
 from ..problem import DirectionProblem
 from ..problems import geometry, infeasible
-from ..problems.assembly import meet, rescaled
+from ..problems.assembly import meet, rescale
 from ..problems.case import ALL_CASES, GEOMETRIES, LIMITS, SHIFTED_CASES, members
 from ..problems.case import Case as Case
 from ..problems.dependent import rows_of_rank
@@ -65,7 +65,7 @@ def direction_problems(
         shape = _chosen(draw, 3 if n is None else n), _chosen(draw, 3 if m is None else m)
     source = DrawnSource(draw, cases, *shape)
     if _chosen(draw, feasible):
-        N, M = source.shape(3, 3)
+        N, M = source.shape()
         case, order = source.case(cases), min(N, M) if rank is None else min(_chosen(draw, rank), N, M)
         if conditioning is not None:
             rows = rows_of_condition(source, M, N, order, _chosen(draw, conditioning))
@@ -74,7 +74,7 @@ def direction_problems(
         problem = meet(source, rows, case, bind=None if conflict is None else _chosen(draw, conflict))
     else:
         problem = infeasible.infeasible(source, source.case(cases, SHIFTED_CASES))
-    return rescaled(problem, _chosen(draw, scale), row_factors(draw, problem.m, _chosen(draw, row_scale)))
+    return rescale(problem, _chosen(draw, scale), row_factors(draw, problem.m, _chosen(draw, row_scale)))
 
 
 def infeasible_problems(n: int | None = None, m: int | None = None, *, cases: Collection[Case] = ALL_CASES) -> Problems:
@@ -126,7 +126,7 @@ def _in_some_units(draw: st.DrawFn, problems: Problems) -> DirectionProblem:
     problem = draw(problems)
     first, second = parts(draw, 2, problem.m)
     scale, row_scale = _EXACT_UNITS[int(picks(first, 1, range(len(_EXACT_UNITS)))[0])]
-    return rescaled(problem, scale, row_factors(second, problem.m, row_scale))
+    return rescale(problem, scale, row_factors(second, problem.m, row_scale))
 
 
 def constraints_of(cases: Collection[Case]) -> list[Case]:

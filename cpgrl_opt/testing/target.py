@@ -19,7 +19,7 @@ from ..solvers.facts import tolerance_of
 from ..solvers.interface import DirectionSolver
 
 
-class CannotCheck(ValueError):  # noqa: N818 - what happened, in the words of the command
+class TargetError(ValueError):
     """There is no solver to check; `traceback` is that of the user's own module, "" if it has no part in it."""
 
     def __init__(self, message: str, traceback: str = "") -> None:
@@ -40,7 +40,7 @@ class Subject:
 
 
 def checkable_solver(target: str) -> DirectionSolver:
-    """The solver of a target that can be checked. Raises CannotCheck.
+    """The solver of a target that can be checked. Raises TargetError.
 
     A small problem shows whether a package is missing; whatever else it shows is for the laws.
     """
@@ -48,11 +48,11 @@ def checkable_solver(target: str) -> DirectionSolver:
     try:
         tolerance_of(solver)
     except ValueError as error:
-        raise CannotCheck(f"{target}: {error}") from error
+        raise TargetError(f"{target}: {error}") from error
     try:
         get_ready(solver)
     except ImportError as error:
-        raise CannotCheck(f"{target} should have the packages that it needs; found {error}") from error
+        raise TargetError(f"{target} should have the packages that it needs; found {error}") from error
     except Exception:
         pass
     return solver
@@ -73,17 +73,17 @@ def spelling_of(_: object, target: str) -> tuple[tuple[str, ...], str]:
 def load_subject(target: str) -> Subject:
     """The solver of "package.module:SOLVER", an instance, a class or a function; the current folder is importable.
 
-    Raises CannotCheck, which says what should be and what was found.
+    Raises TargetError, which says what should be and what was found.
     """
     module_name, colon, path = target.partition(":")
     if not colon or not all(part.isidentifier() for part in (*module_name.split("."), *path.split("."))):
-        raise CannotCheck(f"the target should be package.module:SOLVER; found {target!r}")
+        raise TargetError(f"the target should be package.module:SOLVER; found {target!r}")
     found: Any = _imported(module_name)
     for name in path.split("."):
         if not hasattr(found, name):
             near = get_close_matches(name, dir(found), n=3) or [each for each in dir(found) if not each.startswith("_")]
             listed = ", ".join(near[:8]) or "nothing"
-            raise CannotCheck(f"{target} should name something in {module_name}; found no {name!r} but {listed}")
+            raise TargetError(f"{target} should name something in {module_name}; found no {name!r} but {listed}")
         found = getattr(found, name)
     return _subject(target, f"from {module_name} import {path.split('.')[0]}", path, found)
 
@@ -94,7 +94,7 @@ def _subject(target: str, statement: str, expression: str, found: Any) -> Subjec
         try:
             found = found()
         except Exception as error:
-            raise CannotCheck(
+            raise TargetError(
                 f"the class {target} should be constructible without arguments; found {_told(error)}",
                 "" if isinstance(error, TypeError) else _own_part(error),
             ) from error
@@ -102,14 +102,14 @@ def _subject(target: str, statement: str, expression: str, found: Any) -> Subjec
         _require_one_argument(target, found)
         return Subject(found, (statement,), expression)
     if not callable(found):
-        raise CannotCheck(
+        raise TargetError(
             f"{target} should be a solver (an object with solve(problem)), a class of solvers, or a function "
             f"(g, J, b) → d; found {_shortened(repr(found))}, without a method solve"
         )
     try:
         solver = FunctionSolver(found)
     except ValueError as error:
-        raise CannotCheck(f"{target}: {error}") from error
+        raise TargetError(f"{target}: {error}") from error
     return Subject(solver, ("from cpgrl_opt.testing import FunctionSolver", statement), f"FunctionSolver({expression})")
 
 
@@ -121,7 +121,7 @@ def _require_one_argument(target: str, solver: Any) -> None:
     try:
         parameters.bind(object())
     except TypeError:
-        raise CannotCheck(
+        raise TargetError(
             f"{target}.solve should take one argument, the problem; found the arguments {parameters}"
         ) from None
 
@@ -134,7 +134,7 @@ def _imported(name: str) -> Any:
         return import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
-            raise CannotCheck(
+            raise TargetError(
                 f"{name} should be a module in the current folder or installed; found no module {error.name!r}"
             ) from error
         raise _not_imported(name, error) from error
@@ -142,8 +142,8 @@ def _imported(name: str) -> Any:
         raise _not_imported(name, error) from error
 
 
-def _not_imported(name: str, error: BaseException) -> CannotCheck:
-    return CannotCheck(f"{name} should be importable; found {_told(error)}", _own_part(error))
+def _not_imported(name: str, error: BaseException) -> TargetError:
+    return TargetError(f"{name} should be importable; found {_told(error)}", _own_part(error))
 
 
 def _own_part(error: BaseException) -> str:

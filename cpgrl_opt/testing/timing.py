@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem import DirectionProblem
 from ..solvers.interface import DirectionSolver
-from .law import LawBroken, NothingClaimed, Outcome, answer_of, law, length, takes, varied, whitened
+from .law import LawError, NothingClaimed, answer_of, law, length, skip_unless, takes, vary, whitened
 
 # A pause of a solver at some problems is a third of a second or so, a stall of a busy machine a tenth; from 0.1 s on it
 # is measured again, so at 0.01 s a stall would cost time, and at 1 s a pause would pass.
@@ -32,15 +32,14 @@ def check_time_is_in_proportion(solver: DirectionSolver, problem: DirectionProbl
     if least <= floor:
         return
     others = [other for other in _ordinary(problem) if takes(solver, other)]
-    if not others:
-        raise NothingClaimed(Outcome.SKIPPED)
+    skip_unless(bool(others))
     limit = floor
     for _ in range(_ATTEMPTS - 1):
         limit = max(limit, _TIMES_USUAL * median(_seconds(solver, other) for other in others))
         least = min(least, _seconds(solver, problem))
         if least <= limit:
             return
-    raise LawBroken(
+    raise LawError(
         f"an answer should take at most {limit:.3g} s here, 50 times the median of ordinary problems of this shape; "
         f"found {least:.3g} s at the least of {_ATTEMPTS} attempts. Is there a pause, a retry or a timeout in its way?",
         problem,
@@ -65,5 +64,5 @@ def _ordinary(problem: DirectionProblem) -> list[DirectionProblem]:
             point *= 0.5 * problem.radius / (length(whitened(problem, point)) or 1.0)
         slack = np.where(problem.equality, 0.0, rng.exponential(size=m))
         bound = jacobian @ point - slack if problem.bound.any() else np.zeros(m)
-        others.append(varied(problem, gradient=rng.normal(size=n), jacobian=jacobian, bound=bound))
+        others.append(vary(problem, gradient=rng.normal(size=n), jacobian=jacobian, bound=bound))
     return others

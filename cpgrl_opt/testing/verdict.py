@@ -7,14 +7,14 @@ from functools import partial
 
 from scipy.special import bdtrc
 
-from ..isolation import Isolated
+from ..isolation import Isolated, apply
 from ..solvers.facts import facts_of, tolerance_of
 from ..solvers.interface import DirectionSolver
 from ..validation import require_member
 from .counterexample import counterexample_code
 from .domain import forget_domain
 from .examination import Examination, examine
-from .law import LawBroken
+from .law import LawError
 from .laws import LAWS, Law
 from .strategies import Case
 from .target import get_ready
@@ -66,9 +66,9 @@ class CheckResult:
         return "failed as expected" if self.passed else "FAILED"
 
     def raise_for_failure(self) -> None:
-        """LawBroken with the problem and the counterexample unless the check passed."""
+        """LawError with the problem and the counterexample unless the check passed."""
         if not self.passed:
-            raise LawBroken(f"{self.check}: {self.problem}\n\n{self.counterexample}".rstrip())
+            raise LawError(f"{self.check}: {self.problem}\n\n{self.counterexample}".rstrip())
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,9 @@ class Verdict:
         return results[check]
 
     def raise_for_failures(self) -> None:
-        """LawBroken with every problem and counterexample unless the verdict is "passed"."""
+        """LawError with every problem and counterexample unless the verdict is "passed"."""
         if not self.passed:
-            raise LawBroken("\n\n".join([self.summary, *(_broken_law(result) for result in self.failures)]))
+            raise LawError("\n\n".join([self.summary, *(_broken_law(result) for result in self.failures)]))
 
     @property
     def summary(self) -> str:
@@ -217,10 +217,10 @@ def check_law(
     result = partial(CheckResult, law.name, law.statement)
     tolerance_of(solver)  # laws that need none hold for no solver whose own is out of range
     try:
-        cases = solver.apply(_cases, law.name) if isinstance(solver, Isolated) else law.applies_to(solver)
+        cases = apply(_cases, solver, law.name)
         if not cases:
             return result(supported=False)
-    except LawBroken as broken:  # by `supports`, on the first problem that it was asked about
+    except LawError as broken:  # by `supports`, on the first problem that it was asked about
         expected, failed = int(bool(reason)), int(not reason)
         return result(run=1, expected=expected, failed=failed, reason=reason, problem=str(broken))
     found = examine(law, solver, cases, max_examples=max_examples, number=seed)

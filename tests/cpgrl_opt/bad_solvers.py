@@ -22,7 +22,7 @@ from cpgrl_opt.direction import DirectionBatch
 from cpgrl_opt.published import CPO
 from cpgrl_opt.published.euclidean import euclidean
 from cpgrl_opt.scaling import unit_rows
-from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.law import vary
 
 CORRECT = SOLVERS["active-set"]
 
@@ -105,7 +105,7 @@ def face_of(problem, answer):
 
 def flipped_sign_of_the_gradient(problem, answer):
     """ν = max(λc − r, 0)/s with g of the reward where the derivation has g of the loss: the multipliers of −g."""
-    mu = CORRECT.solve(varied(problem, gradient=-problem.gradient)).multipliers
+    mu = CORRECT.solve(vary(problem, gradient=-problem.gradient)).multipliers
     return claimed(problem.gradient + mu @ problem.jacobian, mu)
 
 
@@ -142,11 +142,11 @@ def gram_without_row_scaling(problem, answer):
 
 
 def every_row_an_equality(problem, answer):
-    return CORRECT.solve(varied(problem, equality=np.ones(problem.m, dtype=bool)))
+    return CORRECT.solve(vary(problem, equality=np.ones(problem.m, dtype=bool)))
 
 
 def bound_forgotten(problem, answer):
-    return CORRECT.solve(varied(problem, bound=np.zeros(problem.m)))
+    return CORRECT.solve(vary(problem, bound=np.zeros(problem.m)))
 
 
 def length_for_its_square(problem, answer):
@@ -157,7 +157,7 @@ def length_for_its_square(problem, answer):
 def metric_added(problem, answer):
     """The projection in another metric than the one asked for."""
     weights = 1.0 + np.arange(problem.n)
-    scaled = varied(problem, gradient=problem.gradient * weights, jacobian=problem.jacobian / weights)
+    scaled = vary(problem, gradient=problem.gradient * weights, jacobian=problem.jacobian / weights)
     answer = CORRECT.solve(scaled)
     return replace(answer, value=answer.value / weights)
 
@@ -165,7 +165,7 @@ def metric_added(problem, answer):
 def inverse_metric_forgotten(problem, answer):
     """d = g + M⁻¹Jᵀν for M⁻¹(g + Jᵀμ): it meets the constraints, which is why such a step looks right."""
     M = np.eye(problem.n) if problem.metric is None else problem.metric
-    return CORRECT.solve(varied(problem, gradient=M * problem.gradient if M.ndim == 1 else M @ problem.gradient))
+    return CORRECT.solve(vary(problem, gradient=M * problem.gradient if M.ndim == 1 else M @ problem.gradient))
 
 
 def basic_restoration(problem, answer):
@@ -285,7 +285,7 @@ def of_unit_rows(problem, answer):
 
 def first_rows(problem, answer):
     """The library takes a number k of equalities, and takes the first k rows for them (quadprog's `meq`)."""
-    return CORRECT.solve(varied(problem, equality=np.arange(problem.m) < problem.equality.sum()))
+    return CORRECT.solve(vary(problem, equality=np.arange(problem.m) < problem.equality.sum()))
 
 
 SOMEWHERE = {
@@ -329,7 +329,7 @@ def one_point(problem, answer):
     if answer.status != Status.OPTIMAL or not problem.bound.any() or problem.equality.any():
         return False
     far = 1e3 * (1.0 + np.abs(answer.value).max()) * np.vstack([np.eye(problem.n), -np.eye(problem.n)])
-    others = (CORRECT.solve(varied(problem, gradient=gradient)) for gradient in far)
+    others = (CORRECT.solve(vary(problem, gradient=gradient)) for gradient in far)
     return all(np.abs(other.value - answer.value).max() < 1e-9 for other in others)
 
 
@@ -337,15 +337,15 @@ def one_point(problem, answer):
 
 
 def metric_forgotten(problem, answer):
-    return CORRECT.solve(varied(problem, metric=None))
+    return CORRECT.solve(vary(problem, metric=None))
 
 
 def radius_forgotten(problem, answer):
-    return CORRECT.solve(varied(problem, radius=None))
+    return CORRECT.solve(vary(problem, radius=None))
 
 
 def transposed(problem, answer):
-    flat = CORRECT.solve(varied(euclidean(problem), radius=problem.radius))
+    flat = CORRECT.solve(vary(euclidean(problem), radius=problem.radius))
     return replace(flat, value=np.linalg.solve(problem.whitening.factor, flat.value))
 
 
@@ -367,7 +367,7 @@ def violates_least_for(factor):
     """Of those in the ball that violate least the best for another gradient."""
 
     def fault(problem, answer):
-        return replace(answer, value=CORRECT.solve(varied(problem, gradient=factor * problem.gradient)).value)
+        return replace(answer, value=CORRECT.solve(vary(problem, gradient=factor * problem.gradient)).value)
 
     return Faulty(fault, lambda p, a: infeasible(p, a) and balls(p), takes_geometry=True)
 
@@ -377,8 +377,8 @@ def of_cpo(fault, applies=anywhere):
 
 
 def gradient_of_the_loss(problem, answer):
-    mu = CPO().solve(varied(problem, gradient=-problem.gradient)).multipliers
-    step = euclidean(varied(problem, gradient=problem.gradient + mu @ problem.jacobian)).gradient
+    mu = CPO().solve(vary(problem, gradient=-problem.gradient)).multipliers
+    step = euclidean(vary(problem, gradient=problem.gradient + mu @ problem.jacobian)).gradient
     size = np.linalg.norm(step) or 1.0
     value = problem.radius * step / size
     if problem.whitening is not None:
@@ -387,7 +387,7 @@ def gradient_of_the_loss(problem, answer):
 
 
 def radius_squared(problem, answer):
-    return CPO().solve(varied(problem, radius=problem.radius**2))
+    return CPO().solve(vary(problem, radius=problem.radius**2))
 
 
 def halved(problem, answer):
@@ -568,7 +568,7 @@ class ScalesTheBatch(Right):
         if problems[0].radius is None:
             return [CORRECT.solve(problem) for problem in problems]
         unit = max(float(np.abs(problem.gradient).max()) for problem in problems) / 3.0 or 1.0
-        answers = [CORRECT.solve(varied(problem, gradient=problem.gradient / unit)) for problem in problems]
+        answers = [CORRECT.solve(vary(problem, gradient=problem.gradient / unit)) for problem in problems]
         return [
             replace(each, multipliers=unit * each.multipliers, radius_multiplier=unit * each.radius_multiplier)
             for each in answers

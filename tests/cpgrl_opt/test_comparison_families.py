@@ -10,7 +10,7 @@ from cpgrl_opt.comparison.named_families import families_asked, family_named
 from cpgrl_opt.exact import exact_answer, exact_trust_region, is_small_enough
 from cpgrl_opt.problem import DirectionProblem
 from cpgrl_opt.scaling import unit_rows
-from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.law import vary
 
 EQUALITIES = "mixed", "recorded-three-state", "recorded-arm"
 
@@ -67,7 +67,7 @@ def test_metrics_and_balls_are_those_in_the_name() -> None:
         assert np.log10(np.linalg.cond(np.diag(M) if M.ndim == 1 else M)) == pytest.approx(np.log10(condition), abs=1)
     for name, factor in (("ball-bounds", 1.5), ("ball-metric-bounds", 1.5), ("ball-out-of-reach", 0.5)):
         problem = FAMILIES[name].problem(1, 0)
-        needed = exact_answer(varied(problem, gradient=0.0 * problem.gradient, radius=None)).direction
+        needed = exact_answer(vary(problem, gradient=0.0 * problem.gradient, radius=None)).direction
         flat = needed if problem.whitening is None else problem.whitening.direction(needed)
         assert problem.radius == pytest.approx(factor * np.linalg.norm(flat), rel=1e-12)
     assert 1e11 < FAMILIES["ball-1e12-infeasible"].problem(0, 0).radius < 1e13

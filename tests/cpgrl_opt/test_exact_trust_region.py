@@ -12,7 +12,7 @@ import pytest
 from cpgrl_opt import SOLVERS, Direction, DirectionProblem, Status
 from cpgrl_opt.exact.trust_region import TrustRegionAnswer, exact_trust_region, shortest_length
 from cpgrl_opt.solvers import is_usable, supports
-from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.law import vary
 
 JUDGED = [name for name in ("active-set", "nnls", "daqp", "clarabel") if is_usable(SOLVERS[name])]
 EACH = 1  # problems of a family; thousands by `python benchmarks/trust_regions.py`
@@ -52,8 +52,8 @@ def test_a_ball_that_only_touches_leaves_one_point_and_no_multipliers() -> None:
     touching = DirectionProblem([0.0, 1.0], [[3.0, 4.0]], [25.0], radius=5.0)
     answer = exact_trust_region(touching)
     assert (answer.feasible, answer.direction.tolist(), answer.multipliers) == (True, [3.0, 4.0], None)
-    assert not exact_trust_region(varied(touching, radius=np.nextafter(5.0, 0.0))).feasible
-    assert exact_trust_region(varied(touching, radius=np.nextafter(5.0, 6.0))).multipliers is not None
+    assert not exact_trust_region(vary(touching, radius=np.nextafter(5.0, 0.0))).feasible
+    assert exact_trust_region(vary(touching, radius=np.nextafter(5.0, 6.0))).multipliers is not None
 
 
 def test_a_vertex_on_the_sphere_has_many_kappas() -> None:

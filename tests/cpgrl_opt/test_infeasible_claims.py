@@ -20,7 +20,7 @@ from cpgrl_opt.certify import excess_violation
 from cpgrl_opt.comparison.families import FAMILIES
 from cpgrl_opt.comparison.judgement import judge
 from cpgrl_opt.solvers import referee
-from cpgrl_opt.testing import LawBroken, check_claims_are_certified, check_least_violation
+from cpgrl_opt.testing import LawError, check_claims_are_certified, check_least_violation
 
 # Both constraints ask for more of d₂, in opposite directions: no direction serves both.
 OPPOSING = Linearization([0.0, -1.0, -1.0], [[1.0, 2.0], [0.0, 1.0], [0.0, -1.0]])
@@ -92,7 +92,7 @@ def test_what_the_kit_accepts_the_step_accepts() -> None:
 def _holds(law, solver: Foreign, problem: DirectionProblem) -> bool:
     try:
         law(solver, problem)
-    except LawBroken:
+    except LawError:
         return False
     return True
 

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from cpgrl_opt import SOLVERS
 from cpgrl_opt.isolation import Isolated
-from cpgrl_opt.testing import LAWS, LawBroken, check_direction_solver
+from cpgrl_opt.testing import LAWS, LawError, check_direction_solver
 from cpgrl_opt.testing import command as command_module
 from cpgrl_opt.testing.command import check_target, run_check
-from cpgrl_opt.testing.target import CannotCheck
+from cpgrl_opt.testing.target import TargetError
 from rl.cli import app
 
 SOLVERS_OF_A_USER = '''
@@ -156,7 +156,7 @@ def test_a_bad_solver_exits_with_1_and_a_counterexample_that_runs_when_pasted(cp
     scope = {}
     exec(source, scope)
     (test,) = [value for name, value in scope.items() if name.startswith("test_")]
-    with pytest.raises(LawBroken):
+    with pytest.raises(LawError):
         test()
     (folder / "users_solvers.py").write_text(SOLVERS_OF_A_USER.replace("size or 1.0", "1.0"), encoding="utf-8")
     sys.modules.pop("users_solvers")
@@ -286,7 +286,7 @@ def test_a_request_to_end_is_not_shrunk_and_there_is_no_verdict(cpgrl_check):
 
 def test_a_module_that_never_imports_is_refused(folder, monkeypatch):
     monkeypatch.setattr("cpgrl_opt.isolation._process.START_LIMIT", 0.05)
-    with pytest.raises(CannotCheck, match="should import and answer a problem; found no answer within"):
+    with pytest.raises(TargetError, match="should import and answer a problem; found no answer within"):
         check_target("users_solvers:good")
 
 

@@ -26,7 +26,7 @@ from cpgrl_opt.testing import (
     well_posed_problems,
 )
 from cpgrl_opt.testing.examination import _Draws, _traceless
-from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.law import vary
 from cpgrl_opt.testing.strategies import ALL_CASES
 
 ACTIVE_SET, ORACLE = SOLVERS["active-set"], SOLVERS["enumeration"]
@@ -151,7 +151,7 @@ def test_a_law_puts_nothing_to_a_limited_solver_that_it_does_not_take(law):
 @FEW
 def test_a_ball_out_of_reach_is_infeasible_and_nothing_else_is(problem):
     assert ACTIVE_SET.solve(problem).status == Status.INFEASIBLE
-    assert ACTIVE_SET.solve(varied(problem, radius=None)).status == Status.OPTIMAL
+    assert ACTIVE_SET.solve(vary(problem, radius=None)).status == Status.OPTIMAL
 
 
 @pytest.mark.parametrize("name", ["active-set", "enumeration"])
@@ -170,7 +170,7 @@ def test_balls_nearly_touch():
     @given(problems_of(FAMILIES["touching"], [Case.BOUNDS]))
     @settings(max_examples=60)
     def look(problem):
-        shortest = ACTIVE_SET.solve(varied(problem, gradient=0.0 * problem.gradient, radius=None)).value
+        shortest = ACTIVE_SET.solve(vary(problem, gradient=0.0 * problem.gradient, radius=None)).value
         flat = shortest if problem.whitening is None else problem.whitening.direction(shortest)
         gaps.add(round(problem.radius / np.linalg.norm(flat) - 1.0, 12) if flat.any() else None)
 
@@ -189,7 +189,7 @@ def test_no_answer_with_small_residuals_is_farther_off_than_the_bound(problem):
     lengths = np.linalg.norm(problem.jacobian, axis=1)
     delta = 1e-4 * max(np.linalg.norm(problem.gradient), np.linalg.norm(optimum.value)) * (problem.radius is None)
     moved = ACTIVE_SET.solve(
-        varied(
+        vary(
             problem,
             gradient=problem.gradient * (1 + 1e-4 * np.cos(np.arange(problem.n))),
             bound=problem.bound - np.where(problem.equality, 0.0, delta * lengths * np.sin(np.arange(problem.m)) ** 2),

@@ -20,7 +20,7 @@ from cpgrl_opt.solvers import tolerance_of
 from cpgrl_opt.testing import (
     Case,
     FunctionSolver,
-    LawBroken,
+    LawError,
     Outcome,
     check_answers_stay,
     check_direction_solver,
@@ -373,5 +373,5 @@ def test_a_supports_or_a_tolerance_that_wavers_is_refused():
 
     verdict = check_direction_solver(Elastic(), checks=["check_stationarity"], max_examples=6)
     assert "tolerance should be one number; found" in verdict.results[0].problem
-    with pytest.raises(LawBroken):
+    with pytest.raises(LawError):
         verdict.raise_for_failures()

@@ -18,7 +18,7 @@ from cpgrl_opt.problems.case import ALL_CASES
 from cpgrl_opt.published import CPO
 from cpgrl_opt.testing import (
     LAWS,
-    LawBroken,
+    LawError,
     Outcome,
     check_agreement_with_enumeration,
     check_batch_is_loop,
@@ -30,7 +30,7 @@ from cpgrl_opt.testing import (
 )
 from cpgrl_opt.testing.draws import SHAPES
 from cpgrl_opt.testing.examination import _Draws, _traceless, first_break
-from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.law import vary
 
 from .bad_solvers import (
     BAD,
@@ -80,7 +80,7 @@ def test_the_counterexample_is_small_and_runs(name):
     scope, asked = {}, []
     exec(result.counterexample, scope)
     test = scope[f"test_{bad.law}_holds_here"]
-    with pytest.raises(LawBroken):
+    with pytest.raises(LawError):
         test(bad.make())
     test(SHRUNK[name])
     scope[bad.check] = lambda _, **given: asked.extend(given.get("problems", [given.get("problem")]))
@@ -110,7 +110,7 @@ def breaks(solver, law):
     for arguments in long_draws(law):
         try:
             LAWS[law].check(solver, **arguments)
-        except LawBroken:
+        except LawError:
             return True
     return False
 
@@ -156,7 +156,7 @@ def state():
 @pytest.mark.parametrize("deed", DEEDS)
 def test_what_is_done_to_the_process_is_seen_and_undone(deed):
     before = state()
-    with pytest.raises(LawBroken, match="leave the process as it was"):
+    with pytest.raises(LawError, match="leave the process as it was"):
         check_global_state_is_unchanged(Faulty(lambda _, answer: (DEEDS[deed](), answer)[1]), PROBLEM)
     assert state() == before
 
@@ -170,14 +170,14 @@ def test_what_an_earlier_law_has_let_a_solver_change_is_seen_by_the_law_about_it
 
 def test_a_batch_by_hand_shows_what_is_wrong():
     infeasible = DirectionProblem([1.0, 0.0], [[0.0, 0.0]], [1.0])
-    with pytest.raises(LawBroken, match=r"solve_batch\(problems\)\[1\] should have the status INFEASIBLE"):
+    with pytest.raises(LawError, match=r"solve_batch\(problems\)\[1\] should have the status INFEASIBLE"):
         check_batch_is_loop(in_batches(BATCHES["all are called OPTIMAL"]), [PROBLEM, infeasible])
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0])
 def test_the_least_violation_in_a_ball_that_climbs_less_is_told_so(factor):
     assert check_least_violation(CORRECT, OPPOSING) == Outcome.HELD
-    with pytest.raises(LawBroken, match="take the one that climbs most"):
+    with pytest.raises(LawError, match="take the one that climbs most"):
         check_least_violation(violates_least_for(factor), OPPOSING)
 
 
@@ -186,15 +186,15 @@ def test_a_ball_that_holds_back_leaves_one_direction_only():
     missing = DirectionProblem([3.0, -1.0], np.eye(2), 2.0, radius=1.0)
     assert check_least_violation(CORRECT, missing) == Outcome.HELD
     towards = BAD["infeasible with the gradient"].make().fault
-    with pytest.raises(LawBroken, match="stay in the ball and violate the constraints least"):
+    with pytest.raises(LawError, match="stay in the ball and violate the constraints least"):
         check_least_violation(Faulty(towards, **GEOMETRY), missing)
 
 
 def test_a_batch_in_a_common_unit_changes_last_digits_and_is_rejected():
     near = DirectionProblem([1.0, 2.0, 0.0], [[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]], radius=2.0)
-    far = varied(near, gradient=1e7 * near.gradient)
+    far = vary(near, gradient=1e7 * near.gradient)
     assert check_batch_is_loop(ScalesTheBatch(), [near, far]) == Outcome.HELD
-    with pytest.raises(LawBroken, match="not in its last bit"):
+    with pytest.raises(LawError, match="not in its last bit"):
         check_neighbours_change_nothing(ScalesTheBatch(), near, [near], [far])
 
 
@@ -202,9 +202,9 @@ def test_a_batch_in_a_common_unit_changes_last_digits_and_is_rejected():
 def test_a_run_in_a_batch_with_radius_has_the_same_bits_beside_extreme_rows(name):
     """Faults A9: a neighbour's row of 1e300 made the whole batch be rescaled."""
     near = DirectionProblem([1.0, 2.0, 0.0], [[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]], radius=2.0)
-    extreme = varied(near, jacobian=1e300 * near.jacobian, gradient=1e-290 * near.gradient)
+    extreme = vary(near, jacobian=1e300 * near.jacobian, gradient=1e-290 * near.gradient)
     for metric in (None, [1.0, 3.0, 7.0]):
-        problem, other = varied(near, metric=metric), varied(extreme, metric=metric)
+        problem, other = vary(near, metric=metric), vary(extreme, metric=metric)
         assert check_neighbours_change_nothing(SOLVERS[name], problem, [problem, problem], [other, problem]) == "held"
 
 
@@ -223,7 +223,7 @@ def test_the_reported_multiplier_of_the_ball_decides_neither_what_is_compared_no
             return self
 
     binding = DirectionProblem([3.0, 4.0], [[1.0, 0.0]], 1.0, radius=2.0)
-    with pytest.raises(LawBroken, match="d\\* by enumeration"):
+    with pytest.raises(LawError, match="d\\* by enumeration"):
         check_agreement_with_enumeration(Half(), binding)
     slack = DirectionProblem([-3.0, 0.0], [[1.0, 0.0]], radius=2.0)  # d = 0, or any (0, t) in the ball
     assert check_agreement_with_enumeration(Half(), slack) == Outcome.SKIPPED
@@ -231,5 +231,5 @@ def test_the_reported_multiplier_of_the_ball_decides_neither_what_is_compared_no
 
 def test_a_broken_law_shows_the_geometry():
     problem = DirectionProblem([1.0, 2.0], [[1.0, 0.0]], metric=[2.0, 1.0], radius=0.5)
-    with pytest.raises(LawBroken, match=r"(?s)metric .*radius .*κ"):
+    with pytest.raises(LawError, match=r"(?s)metric .*radius .*κ"):
         check_stationarity(Faulty(kappa_turned, **GEOMETRY), problem)

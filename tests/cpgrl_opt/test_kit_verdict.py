@@ -15,7 +15,7 @@ from cpgrl_opt.published import PUBLISHED
 from cpgrl_opt.solvers import tolerance_of
 from cpgrl_opt.testing import (
     LAWS,
-    LawBroken,
+    LawError,
     Outcome,
     check_direction_solver,
     check_idempotence,
@@ -80,7 +80,7 @@ def test_declared_failures_are_excused_and_others_are_not_and_counts_add_up(verd
     assert 0 < broken.failed <= broken.run - broken.declined
     assert (broken.expected, declared.failed) == (0, 0)
     assert declared.expected > 0
-    with pytest.raises(LawBroken, match=r"check_stationarity[\s\S]*should be at most 1e-06[\s\S]*DirectionProblem\("):
+    with pytest.raises(LawError, match=r"check_stationarity[\s\S]*should be at most 1e-06[\s\S]*DirectionProblem\("):
         verdict.raise_for_failures()
     declared.raise_for_failure()
 
@@ -151,7 +151,7 @@ def test_a_check_that_ran_on_nothing_is_not_passed_and_not_excused(monkeypatch):
         assert (verdict.passed, verdict[check].word) == (False, "FAILED")
         assert (verdict[check].run, verdict[check].skipped) == (0, 5)
         assert "no problem was run" in verdict[check].problem
-    with pytest.raises((LawBroken, pytest.xfail.Exception), match="no problem was run"):
+    with pytest.raises((LawError, pytest.xfail.Exception), match="no problem was run"):
         items_of({"mine": choosy}, expected_failures={"mine": excuse})["mine-stationarity"](choosy)
 
 
@@ -166,10 +166,10 @@ def test_of_a_solver_that_takes_nothing_verdict_and_items_fail():
     verdict = check_direction_solver(nothing, checks=["check_stationarity"])
     assert not verdict.passed
     assert "0 held, 1 unsupported; no problem was run: let `supports` take some" in verdict.summary
-    with pytest.raises(LawBroken, match="no problem was run"):
+    with pytest.raises(LawError, match="no problem was run"):
         verdict.raise_for_failures()
     assert not check_direction_solver(CORRECT, checks=[]).passed
-    with pytest.raises(LawBroken, match="should take some of the laws' problems"):
+    with pytest.raises(LawError, match="should take some of the laws' problems"):
         items_of({"idle": nothing})["idle-stationarity"](nothing)
 
 
@@ -230,7 +230,7 @@ def test_checks_are_plain_functions():
     assert check_idempotence(SOLVERS["rosen"], PROBLEM) == Outcome.SKIPPED
     declining = SimpleNamespace(solve=lambda _: Direction(np.zeros(2), np.zeros(1), Status.NUMERICAL_ERROR))
     assert check_stationarity(declining, PROBLEM) == Outcome.DECLINED
-    with pytest.raises(LawBroken, match="The direction has a length of its own"):
+    with pytest.raises(LawError, match="The direction has a length of its own"):
         check_scaling(UnitLength(), DirectionProblem([0.0, 1.0], [[1.0, 0.0]]), factor=2.0)
 
 
@@ -248,7 +248,7 @@ def answered(status, multipliers=(1.0,), value=(0.0, 1.0)):
     ],
 )
 def test_malformed_answers_are_told_apart(answer, message):
-    with pytest.raises(LawBroken, match=message):
+    with pytest.raises(LawError, match=message):
         check_stationarity(SimpleNamespace(solve=lambda _: answer), PROBLEM)
 
 
@@ -262,7 +262,7 @@ def test_there_is_an_item_for_each_solver_and_law_that_fails_skips_or_xfails():
     items = items_of({"mine": mine, "yours": CORRECT}, max_examples=8, expected_failures=excused)
     assert len(items) == 2 * len(LAWS)
     for name, end in (
-        ("mine-stationarity", LawBroken),
+        ("mine-stationarity", LawError),
         ("mine-batch_is_loop", pytest.skip.Exception),
         ("mine-scaling", pytest.xfail.Exception),
     ):

@@ -13,7 +13,7 @@ from cpgrl_opt.problems.case import ALL_CASES
 from cpgrl_opt.problems.infeasible import infeasible
 from cpgrl_opt.problems.source import RandomSource
 from cpgrl_opt.testing import problems_of
-from cpgrl_opt.testing.law import varied
+from cpgrl_opt.testing.law import vary
 
 
 def some(name: str, case: Case | None = None, count: int = 4, **shape: int) -> list[DirectionProblem]:
@@ -98,7 +98,7 @@ HOLDS = {
     "sum to zero": lambda p: not p.jacobian.sum(axis=0).round(12).any() and rank(p) == p.m - 1,
     "duplicate rows": lambda p: len({tuple(row / np.abs(row).max()) for row in p.jacobian}) == 2,
     "opposing rows": lambda p: (p.jacobian @ p.jacobian.T).min() < 0,
-    "pinched": lambda p: p.equality.all() or not exact_answer(varied(p, bound=p.bound + 2.0**-20)).feasible,
+    "pinched": lambda p: p.equality.all() or not exact_answer(vary(p, bound=p.bound + 2.0**-20)).feasible,
     "zero rows": lambda p: (~p.jacobian.any(axis=1)).sum() == 1,
     "cone of zero": lambda p: not exact_answer(p).direction.any(),
     "degenerate vertex": lambda p: (p.jacobian @ exact_answer(p).direction == p.bound).sum() > p.n,

@@ -6,7 +6,7 @@ import pytest
 
 from cpgrl_opt import DirectionProblem
 from cpgrl_opt.published import PUBLISHED
-from cpgrl_opt.testing import LAWS, LawBroken
+from cpgrl_opt.testing import LAWS, LawError
 from cpgrl_opt.testing.examination import first_break
 from cpgrl_opt.testing.published_table import speaks_about, to_markdown
 
@@ -44,7 +44,7 @@ def what_breaks(name, law_name, max_examples):
 @pytest.mark.parametrize(("name", "law"), sampled(BROKEN, 3))
 def test_a_law_that_is_declared_broken_is_broken(name, law):
     if (name, law) in EXAMPLES:
-        with pytest.raises(LawBroken):
+        with pytest.raises(LawError):
             LAWS[law].check(PUBLISHED[name], **EXAMPLES[name, law])
     else:
         assert what_breaks(name, law, 300).broken
