@@ -110,8 +110,8 @@ class Checkpoint:
     def _require_agreement(self, name: str, then: object, now: object) -> None:
         if then != now:
             raise ValueError(
-                f"{self.path.parent} holds measurements made with {name} = {_told(then)}, and {name} is now "
-                f"{_told(now)}; take the same settings to continue, another --out, or --anew to start over"
+                f"{self.path.parent} holds measurements made with {name} = {_as_json(then)}, and {name} is now "
+                f"{_as_json(now)}; take the same settings to continue, another --out, or --anew to start over"
             )
 
     def _written_keys(self) -> dict[CellKey, str]:
@@ -152,5 +152,5 @@ def _append(path: Path, rows: Iterable[Sequence[str]]) -> None:
         os.fsync(file.fileno())
 
 
-def _told(value: object) -> str:
+def _as_json(value: object) -> str:
     return "unknown" if value is None else json.dumps(value, ensure_ascii=False)

@@ -29,7 +29,7 @@ _NAMED = {**FAMILIES, **REGISTERED}
 
 def family_named(name: str) -> ProblemFamily:
     """The family of that name, or of the recording at the path `name`. ValueError for a file that is none."""
-    return _NAMED[name] if name in _NAMED else _recorded(name, _stamp(Path(name)))
+    return _NAMED[name] if name in _NAMED else _read_family(name, _stamp(Path(name)))
 
 
 def families_asked(names: Iterable[str]) -> dict[str, ProblemFamily]:
@@ -57,7 +57,7 @@ def digests(names: Iterable[str]) -> dict[str, str]:
 
 
 @lru_cache(maxsize=8)
-def _recorded(name: str, stamp: tuple[int, int]) -> ProblemFamily:  # noqa: ARG001 - what is read again when it changes
+def _read_family(name: str, stamp: tuple[int, int]) -> ProblemFamily:  # noqa: ARG001 - what is read again when it changes
     recording = load_recording(name)
     if not len(recording):
         raise ValueError(f"{name} should hold at least one problem to be a family; found none")

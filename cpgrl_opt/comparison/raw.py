@@ -31,8 +31,8 @@ def _through_qpsolvers(name: str, problem: DirectionProblem) -> Direction:
         program = quadratic_program(whole, csc_matrix) if name in _SPARSE else quadratic_program(whole)
         solution = solve_problem(program, name)
     except (ProblemError, SolverError):  # the library's way to decline
-        return _claimed(problem, BROKEN)
-    return _claimed(problem, answer_of(whole, solution))
+        return _claim(problem, BROKEN)
+    return _claim(problem, answer_of(whole, solution))
 
 
 def _osqp(problem: DirectionProblem) -> Direction:
@@ -46,7 +46,7 @@ def _osqp(problem: DirectionProblem) -> Direction:
     result = workspace.solve(raise_error=False)
     verdict = failure_of(result.info.status)
     certificate = result.prim_inf_cert if verdict == Status.INFEASIBLE else result.y
-    return _claimed(problem, SmallAnswer(result.x, -np.asarray(certificate), failure=verdict))
+    return _claim(problem, SmallAnswer(result.x, -np.asarray(certificate), failure=verdict))
 
 
 def _cvxpy(problem: DirectionProblem) -> Direction:
@@ -63,13 +63,13 @@ def _cvxpy(problem: DirectionProblem) -> Direction:
     try:
         statement.solve()
     except cvxpy.SolverError:
-        return _claimed(problem, BROKEN)
+        return _claim(problem, BROKEN)
     multipliers = np.zeros(problem.m)
     for mask, is_equality, constraint in parts:
         if constraint.dual_value is not None:
             multipliers[mask] = (-1.0 if is_equality else 1.0) * constraint.dual_value
     verdict = failure_of(statement.status)
-    return _claimed(problem, SmallAnswer(d.value, multipliers, failure=verdict))
+    return _claim(problem, SmallAnswer(d.value, multipliers, failure=verdict))
 
 
 def _nnls(problem: DirectionProblem) -> Direction:
@@ -88,23 +88,23 @@ def _nnls(problem: DirectionProblem) -> Direction:
     try:
         u, distance = nnls(matrix, target)
     except (RuntimeError, ValueError):  # too many iterations; −∞ in b
-        return _claimed(problem, BROKEN)
+        return _claim(problem, BROKEN)
     r = matrix @ u - target
     if distance <= np.finfo(np.float64).eps:  # ‖r‖ = 0 as printed
-        return _claimed(problem, SmallAnswer(None, _folded(u, E, problem.m), failure=Status.INFEASIBLE))
+        return _claim(problem, SmallAnswer(None, _fold(u, E, problem.m), failure=Status.INFEASIBLE))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        point, weights = problem.gradient - r[:-1] / r[-1], _folded(-u / r[-1], E, problem.m)
-    return _claimed(problem, SmallAnswer(point, weights))
+        point, weights = problem.gradient - r[:-1] / r[-1], _fold(-u / r[-1], E, problem.m)
+    return _claim(problem, SmallAnswer(point, weights))
 
 
-def _folded(weights: np.ndarray, equalities: np.ndarray, m: int) -> np.ndarray:
+def _fold(weights: np.ndarray, equalities: np.ndarray, m: int) -> np.ndarray:
     """One signed multiplier for the two inequalities of an equality."""
     multipliers = weights[:m].copy()
     multipliers[equalities] -= weights[m:]
     return multipliers
 
 
-def _claimed(problem: DirectionProblem, answer: SmallAnswer) -> Direction:
+def _claim(problem: DirectionProblem, answer: SmallAnswer) -> Direction:
     """The library's own claim; without a point or multipliers, zeros in their place."""
     point = np.zeros(problem.n) if answer.point is None else answer.point
     multipliers = np.zeros(problem.m) if answer.multipliers is None else answer.multipliers

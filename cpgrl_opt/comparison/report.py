@@ -67,7 +67,7 @@ def write_report(measurements: Sequence[Measurement], context: ReportContext, fo
     paths = folder / "report.md", folder / "report.html"
     for path in paths:
         with whole_file(path) as beside:
-            text = _rendered(is_html=path.suffix == ".html", **shown)
+            text = _render(is_html=path.suffix == ".html", **shown)
             beside.write_text(text, encoding="utf-8", errors=AS_BYTES, newline="\n")
     return paths
 
@@ -86,7 +86,7 @@ def print_summary(measurements: Sequence[Measurement]) -> None:
     Console().print(lines)
 
 
-def _rendered(*, is_html: bool, **shown: Any) -> str:
+def _render(*, is_html: bool, **shown: Any) -> str:
     from jinja2 import Environment, StrictUndefined
 
     made = Environment(autoescape=is_html, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -161,7 +161,7 @@ def _map(table: "pd.DataFrame", order: Sequence[str], kind: str) -> Table:
     return Table(("family", *whole), rows, colours)
 
 
-def _coloured(name: str, most: float, value: float) -> str:
+def _colour(name: str, most: float, value: float) -> str:
     return _shade(name, round(60 * min(max(value / most, 0.0), 1.0)))
 
 
@@ -298,17 +298,21 @@ def unsafe_text(counts: Any, none: str = "0") -> str:
     return ", ".join(kinds) or none
 
 
-def _rounded(value: float) -> str:
+def _percents(value: float) -> str:
     return percent_text(value, 0)
 
 
 # Of each map: the text of a number, the number of some counts, the colour of a number.
 _MAPS: Mapping[str, tuple[Callable[[float], str], Callable[[Any], float], Callable[[float], str]]] = {
-    "success %": (_rounded, lambda own: _share(own, "success"), partial(_coloured, "Greens", 100.0)),
-    "silently wrong %": (_rounded, lambda own: _share(own, "silently-wrong"), partial(_coloured, "Reds", 100.0)),
+    "success %": (_percents, lambda own: _share(own, "success"), partial(_colour, "Greens", 100.0)),
+    "silently wrong %": (
+        _percents,
+        lambda own: _share(own, "silently-wrong"),
+        partial(_colour, "Reds", 100.0),
+    ),
     "time ratio": (
         ratio_text,
         lambda own: own["time"],
-        lambda time: _coloured("Blues", 4.0, math.log10(max(time, 1.0))),
+        lambda time: _colour("Blues", 4.0, math.log10(max(time, 1.0))),
     ),
 }

@@ -99,7 +99,7 @@ def run_comparison(
     remaining = [cell for cell in cells if cell not in done]
     start = monotonic()
     try:
-        for measurements in _measured(settings, remaining, jobs):
+        for measurements in _measure(settings, remaining, jobs):
             first = measurements[0]
             cell = (first.solver, first.variant, first.family)
             checkpoint.append(measurements, keys[cell])
@@ -125,7 +125,7 @@ def open_checkpoint(
     return Checkpoint(folder, facts | {"versions": versions}, fixed=COMMON_PACKAGES, anew=anew)
 
 
-def _measured(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterator[list[Measurement]]:
+def _measure(settings: ComparisonSettings, cells: Sequence[CellKey], jobs: int) -> Iterator[list[Measurement]]:
     """The cells' measurements as they are finished, by `jobs` threads with a process each."""
     benches = [isolated_bench() for _ in range(min(jobs, len(cells)))]
     free: queue.SimpleQueue[Isolated] = queue.SimpleQueue()

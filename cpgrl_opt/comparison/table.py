@@ -46,8 +46,25 @@ def readable(name: str) -> str:
 def load(folder: Path | str) -> "pd.DataFrame":
     """The measurements of `cpgrl compare --out folder`, a row each: the columns of measurements.csv.
 
-    `distance` is NaN where the exact direction is not known, `noise` is 0 or 1. Raises ImportError without the extra
-    `report`, FileNotFoundError where there are no measurements, ValueError where their columns are others.
+    Parameters
+    ----------
+    folder
+        Where `measurements.csv` lies.
+
+    Returns
+    -------
+    DataFrame
+        `distance` is NaN where the exact direction is not known, `noise` is 0 or 1; `seconds` and `limit` are seconds
+        of CPU.
+
+    Raises
+    ------
+    ImportError
+        Without the extra `report`.
+    FileNotFoundError
+        Where there are no measurements.
+    ValueError
+        Where their columns are others.
     """
     path = Path(folder) / "measurements.csv"
     told = {"keep_default_na": False, "na_values": {"distance": [""]}, "encoding_errors": "replace", "dtype": _TEXT}

@@ -46,9 +46,22 @@ def is_small_enough(problem: DirectionProblem) -> bool:
 
 
 def exact_answer(problem: DirectionProblem) -> ExactAnswer:
-    """The optimum, or the proof that there is none. ValueError for more than 8 constraints or 100 parameters.
+    """The optimum, or the proof that there is none.
 
-    In a full metric, which has to be inverted, at most 20.
+    Parameters
+    ----------
+    problem
+        At most 8 constraints and 100 parameters; 20 in a full metric, which has to be inverted.
+
+    Returns
+    -------
+    ExactAnswer
+        d* and μ, rounded once, at the end.
+
+    Raises
+    ------
+    ValueError
+        For a larger problem.
     """
     if not is_small_enough(problem):
         raise ValueError(

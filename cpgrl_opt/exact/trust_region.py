@@ -40,12 +40,33 @@ class TrustRegionAnswer:
 
 
 def exact_trust_region(problem: DirectionProblem) -> TrustRegionAnswer:
-    """The answer of a problem with a radius, with m up to about 8: every active set is tried."""
+    """The answer of a problem with a radius.
+
+    Parameters
+    ----------
+    problem
+        With m up to about 8: every active set is tried.
+
+    Returns
+    -------
+    TrustRegionAnswer
+    """
     return _Search(problem).answer()
 
 
 def shortest_length(problem: DirectionProblem) -> float | None:
-    """√(dᵀMd) of the shortest direction that meets the constraints, rounded down; None where there is none."""
+    """√(dᵀMd) of the shortest direction that meets the constraints.
+
+    Parameters
+    ----------
+    problem
+        Of which only J, b, E and M count.
+
+    Returns
+    -------
+    float or None
+        Rounded down; None where no direction meets them.
+    """
     search = _Search(problem)
     shortest = None if search.impossible else search.constraints.shortest()
     return None if shortest is None else _float(root(shortest[1]))

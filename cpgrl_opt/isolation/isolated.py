@@ -192,11 +192,49 @@ def _require_positive(name: str, unit: str, value: Any) -> None:
 
 
 def apply(function: Callable[..., Any], solver: Any, *arguments: Any) -> Any:
-    """function(solver, *arguments), in the solver's own process where it is isolated."""
+    """function(solver, *arguments), in the solver's own process where it is isolated.
+
+    Parameters
+    ----------
+    function
+        What can be imported by its name, where the solver is `Isolated`.
+    solver, arguments
+        Are handed over.
+
+    Returns
+    -------
+    object
+        The function's value.
+
+    Raises
+    ------
+    IsolationError
+        Where the process gave no answer.
+    """
     return solver.apply(function, *arguments) if isinstance(solver, Isolated) else function(solver, *arguments)
 
 
 def call(function: Callable[..., Any], *arguments: Any, time_limit: float, memory_limit: int | None = None) -> Any:
-    """function(*arguments) in a process of its own, with the limits and errors of `Isolated`."""
+    """function(*arguments) in a process of its own.
+
+    Parameters
+    ----------
+    function, arguments
+        Whatever cloudpickle takes there.
+    time_limit
+        Seconds on the clock.
+    memory_limit
+        Bytes; None for as many as there are.
+
+    Returns
+    -------
+    object
+        The function's value.
+
+    Raises
+    ------
+    HangError, CrashError, MemoryLimitError, AnswerError
+        Where there is none. What the function itself raises is raised here too.
+    """
     with Isolated(partial(function, *arguments), time_limit=time_limit, memory_limit=memory_limit) as room:
         return room.apply(".__call__")

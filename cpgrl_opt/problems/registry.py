@@ -146,5 +146,26 @@ def families() -> Mapping[str, Family]:
 def draw_problem(
     name: str, rng: np.random.Generator, case: Case | None = None, *, n: int | None = None, m: int | None = None
 ) -> DirectionProblem:
-    """One problem of the family of that name, see `Family.draw`. ValueError for a name that no family has."""
+    """One problem of the family of that name.
+
+    Parameters
+    ----------
+    name
+        Of `FAMILIES`.
+    rng
+        Where all its numbers come from.
+    case
+        The kind of constraints; one of the family's by chance if None.
+    n, m
+        The shape; the family's own if None.
+
+    Returns
+    -------
+    DirectionProblem
+
+    Raises
+    ------
+    ValueError
+        For a name that no family has, and as `Family.draw`.
+    """
     return FAMILIES[members("name", (name,), tuple(FAMILIES))[0]].draw(rng, case, n=n, m=m)

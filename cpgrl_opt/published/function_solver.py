@@ -70,9 +70,9 @@ class FunctionSolver:
     def __post_init__(self) -> None:
         _ = self.takes_bounds
         if self.tolerance is None:
-            object.__setattr__(self, "tolerance", self._said("tolerance", DEFAULT_TOLERANCE))
+            object.__setattr__(self, "tolerance", self._read_attribute("tolerance", DEFAULT_TOLERANCE))
         require_tolerance(self.tolerance)
-        object.__setattr__(self, "as_equalities", self.as_equalities or self._said("as_equalities", False))
+        object.__setattr__(self, "as_equalities", self.as_equalities or self._read_attribute("as_equalities", False))
 
     def __repr__(self) -> str:
         return f"FunctionSolver({name_of(self.function)})"
@@ -89,12 +89,12 @@ class FunctionSolver:
     @property
     def finds_infeasible(self) -> bool:
         """Whether d is meant to violate least, and so to prove it, where nothing meets the constraints."""
-        return bool(self._said("finds_infeasible", True))
+        return bool(self._read_attribute("finds_infeasible", True))
 
     @property
     def dtype(self) -> Any:
         """The precision that the function says it computes in, None if it says nothing."""
-        return self._said("dtype", None)
+        return self._read_attribute("dtype", None)
 
     def supports(self, problem: DirectionProblem) -> bool:
         """Inequalities only, or equalities only; b = 0 unless the function takes bounds; no metric, no radius.
@@ -108,7 +108,7 @@ class FunctionSolver:
             return False
         if not (problem.equality[on] == self.as_equalities).all():
             return False
-        own = self._said("supports", None)
+        own = self._read_attribute("supports", None)
         handed_over = (problem.gradient, problem.jacobian[on], problem.bound[on], problem.equality[on])
         return own is None or bool(own(DirectionProblem(*handed_over)))
 
@@ -117,14 +117,14 @@ class FunctionSolver:
         require_finite(problem)
         if not self.supports(problem):
             return Direction.nothing(problem.n, problem.m, Status.UNSUPPORTED)
-        value = self._called(problem)
+        value = self._call(problem)
         if value is None:
             return Direction.nothing(problem.n, problem.m, Status.NUMERICAL_ERROR)
         answer = claimed_direction(problem, value, tolerance_of(self))
         given = np.array(value)
         return replace(answer, value=given) if given.dtype == np.float32 else answer  # the kit asks which it is
 
-    def _called(self, problem: DirectionProblem) -> Any:
+    def _call(self, problem: DirectionProblem) -> Any:
         on = problem.bound > -np.inf
         g, J, b = problem.gradient.copy(), problem.jacobian[on], problem.bound[on]
         try:
@@ -140,7 +140,7 @@ class FunctionSolver:
             )
             raise
 
-    def _said(self, name: str, otherwise: Any) -> Any:
+    def _read_attribute(self, name: str, otherwise: Any) -> Any:
         """An attribute of the function, or of what `functools.partial` was made of."""
         function = self.function
         while isinstance(function, partial) and not hasattr(function, name):
@@ -149,7 +149,27 @@ class FunctionSolver:
 
 
 def claimed_direction(problem: DirectionProblem, value: ArrayLike, tolerance: float) -> Direction:
-    """The direction d with the multipliers, and the status, of the module's head; ValueError unless d is (n,)."""
+    """The direction d with the multipliers, and the status, of the module's head.
+
+    Parameters
+    ----------
+    problem
+        What d answers.
+    value
+        d, (n,), in the unit of g.
+    tolerance
+        ε, by which a row is tight and a proof is one.
+
+    Returns
+    -------
+    Direction
+        OPTIMAL with μ, (m,), or INFEASIBLE with a Farkas vector.
+
+    Raises
+    ------
+    ValueError
+        Unless d is (n,).
+    """
     d = np.array(real_values("the direction", value))
     if d.shape != (problem.n,):
         raise ValueError(f"the direction should have shape ({problem.n},); found {d.shape}")

@@ -27,8 +27,20 @@ class Domain:
 def supported_cases(solver: DirectionSolver) -> list[Case]:
     """The cases of which the solver's `supports` takes an example; without a `supports`, the five of constraints.
 
-    ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius. Raises LawError
-    where `supports` raises or contradicts itself.
+    Parameters
+    ----------
+    solver
+        What is asked, about each kind of problem in each usual shape.
+
+    Returns
+    -------
+    list of Case
+        ONE_ROW is among them if no example that it takes has more than one row, BALL if all have a radius.
+
+    Raises
+    ------
+    LawError
+        Where `supports` raises or contradicts itself.
     """
     return list(find_domain(solver).cases)
 

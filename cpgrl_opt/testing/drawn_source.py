@@ -141,17 +141,17 @@ class DrawnSource:
         return self._parts.pop()
 
 
-def made(
+def draw_with(
     make: Make,
     cases: Collection[Case],
     possible: Collection[Case] = ALL_CASES,
     shape: tuple[int | None, int | None] = (None, None),
 ) -> st.SearchStrategy[DirectionProblem]:
     """The problems that a function of a source and a case makes, of the cases that are possible."""
-    return _made(make, tuple(cases), tuple(possible), shape)
+    return _draw_with(make, tuple(cases), tuple(possible), shape)
 
 
 @st.composite
-def _made(draw: st.DrawFn, make: Make, cases: Any, possible: Any, shape: Any) -> DirectionProblem:
+def _draw_with(draw: st.DrawFn, make: Make, cases: Any, possible: Any, shape: Any) -> DirectionProblem:
     source = DrawnSource(draw, cases, *shape)
     return make(source, source.case(cases, possible))

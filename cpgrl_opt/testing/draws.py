@@ -60,13 +60,13 @@ _THREE_BYTES = st.binary(min_size=3, max_size=3)
 
 
 @cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
-def _sampled(options: tuple[Hashable, ...]) -> st.SearchStrategy[Any]:
+def _any_of(options: tuple[Hashable, ...]) -> st.SearchStrategy[Any]:
     return st.sampled_from(options)
 
 
 def any_of(options: Sequence[T]) -> st.SearchStrategy[T]:
     """One of the options, the first being the simplest."""
-    return _sampled(tuple(options))
+    return _any_of(tuple(options))
 
 
 @cache
@@ -143,12 +143,12 @@ def integers(
     draw: st.DrawFn, *shape: int, lowest: int = -LARGEST_ENTRY, largest: int = LARGEST_ENTRY
 ) -> Float[np.ndarray, "..."]:
     """Integers lowest … largest as floats: 0 (or lowest ≥ 0) first, then 1, −1, 2, −2 …"""
-    return _picked(draw(_BLOCK), shape, _by_size(lowest, largest))
+    return _pick(draw(_BLOCK), shape, _by_size(lowest, largest))
 
 
 def picks(draw: st.DrawFn, count: int, options: Sequence[float]) -> Float[np.ndarray, "count"]:
     """`count` of the options, the first being the simplest."""
-    return _picked(draw(_BLOCK), (count,), _array(tuple(options)))
+    return _pick(draw(_BLOCK), (count,), _array(tuple(options)))
 
 
 def orders(draw: st.DrawFn, count: int) -> Int[np.ndarray, "count"]:
@@ -169,7 +169,7 @@ def _array(options: tuple[float, ...]) -> Float[np.ndarray, "..."]:
     return np.array(options, dtype=np.float64)
 
 
-def _picked(block: bytes, shape: tuple[int, ...], values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def _pick(block: bytes, shape: tuple[int, ...], values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """One value for each byte; a larger array by a generator that the block seeds, its first byte saying how full."""
     drawn = np.frombuffer(block, dtype=np.uint8)
     count, (rows, columns) = math.prod(shape), (1, *shape)[-2:]

@@ -142,7 +142,7 @@ def first_break(law: Law, solver: DirectionSolver, *, max_examples: int, number:
 
     with _traceless(), suppress(_Enough):
         draws, _ = _draws_for(law, solver, law.applies_to(solver), max_examples, number)
-        draws.searched(judge, Phase.generate)
+        draws.search(judge, Phase.generate)
     found.settle()
     return found
 
@@ -156,7 +156,7 @@ def _draws_for(
     as many others that it does take.
     """
     draws = _Draws(law.arguments, tuple(cases), max_examples, number)
-    sample = replace(draws, max_examples=min(max_examples, 100))._kept()
+    sample = replace(draws, max_examples=min(max_examples, 100))._draw_all()
     untaken = apply(_untaken, solver, sample)
     return (draws, 0) if 2 * untaken <= len(sample) else (replace(draws, solver=solver), untaken)
 
@@ -196,18 +196,18 @@ class _Draws:
     def each(self, judge: _Judge, count: int) -> None:
         """The first `count`, kept for the next solver unless they are too many: drawing takes longer than solving."""
         if self.max_examples > _MOST_KEPT or self.solver is not None:
-            replace(self, max_examples=count).searched(judge, Phase.generate)
+            replace(self, max_examples=count).search(judge, Phase.generate)
             return
-        for arguments in self._kept()[:count]:
+        for arguments in self._draw_all()[:count]:
             judge(arguments)
 
     @lru_cache(maxsize=32)  # noqa: B019 - a few, by value
-    def _kept(self) -> tuple[dict[str, Any], ...]:
+    def _draw_all(self) -> tuple[dict[str, Any], ...]:
         drawn: list[dict[str, Any]] = []
-        self.searched(drawn.append, Phase.generate)
+        self.search(drawn.append, Phase.generate)
         return tuple(drawn)
 
-    def searched(self, judge: _Judge, *phases: Phase) -> None:
+    def search(self, judge: _Judge, *phases: Phase) -> None:
         """As Hypothesis draws them, which ends, or shrinks, where the judge raises."""
         chosen = settings(
             max_examples=self.max_examples,
@@ -276,15 +276,15 @@ def _smallest(
     """The counterexample of a search among small shapes; of all where it holds on these."""
     with small_shapes():
         few = replace(draws, max_examples=max(draws.max_examples, _SMALL_EXAMPLES))
-        found = _shrunk(law, solver, few, loss)
+        found = _shrink(law, solver, few, loss)
     return (
         found
-        or _shrunk(law, solver, draws, loss)
+        or _shrink(law, solver, draws, loss)
         or ({}, "the law broke in the first pass and held in the second: the solver does not repeat its answers")
     )
 
 
-def _shrunk(
+def _shrink(
     law: Law, solver: DirectionSolver, draws: _Draws, loss: BaseException | None
 ) -> tuple[dict[str, Any], str] | None:
     """The last failure that Hypothesis saw, None for none: it tries only smaller ones after each."""
@@ -306,7 +306,7 @@ def _shrunk(
             raise
 
     try:
-        draws.searched(judge, Phase.generate, Phase.shrink)
+        draws.search(judge, Phase.generate, Phase.shrink)
     except (LawError, _Enough):
         return smallest[0]
     except Exception as flaky:  # Hypothesis' own: a solver that answers the same problem now so, now otherwise

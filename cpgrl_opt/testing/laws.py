@@ -21,7 +21,7 @@ from ..solvers.facts import facts_of
 from ..solvers.interface import DirectionSolver
 from . import claims, invariance, optimality, projections, sequences, shared_state, side_effects, timing
 from .domain import domain_of
-from .drawn_source import DrawnSource, made
+from .drawn_source import DrawnSource, draw_with
 from .draws import any_of, are_small, between, integers, orders
 from .law import Outcome
 from .strategies import (
@@ -90,7 +90,7 @@ def _well_posed(cases: Collection[Case]) -> Arguments:
 
 
 def _feasible_gradients(cases: Collection[Case]) -> Arguments:
-    return st.fixed_dictionaries({"problem": made(feasible_gradient, constraints_of(cases))})
+    return st.fixed_dictionaries({"problem": draw_with(feasible_gradient, constraints_of(cases))})
 
 
 def _hostile(cases: Collection[Case]) -> Arguments:
@@ -105,13 +105,13 @@ def _infeasible_problems(cases: Collection[Case]) -> Problems:
     kinds = [case for case in constraints_of(cases) if case.is_shifted or case.is_limit]
     near, huge = partial(in_ball, of=infeasible), partial(in_ball, of=infeasible, factors=HUGE)
     if Case.BALL in cases:
-        return st.one_of([made(make, kinds) for make in (out_of_reach, out_of_reach, near, huge)])
+        return st.one_of([draw_with(make, kinds) for make in (out_of_reach, out_of_reach, near, huge)])
     makes: list[Make] = [infeasible, infeasible]
     if Case.METRIC in cases:
         makes.append(partial(in_metric, of=infeasible))
     if Case.RADIUS in cases:
         makes += [out_of_reach, huge]
-    return st.one_of([made(make, kinds) for make in makes])
+    return st.one_of([draw_with(make, kinds) for make in makes])
 
 
 def _of_every_kind(cases: Collection[Case]) -> Arguments:

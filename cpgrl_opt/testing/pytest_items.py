@@ -52,9 +52,27 @@ def parametrize_with_checks(
 ) -> Callable[[Callable[..., Any]], Any]:
     """Decorates `def test(solver, check): check(solver)` into one item for each solver, by name, and law.
 
-    expected_failures: solver name → {check: reason}; where these laws break the item is xfailed, where they hold it
-    passes: a rare failure need not show among few problems. max_examples: for all, or by solver name; else the
-    Hypothesis profile's. Raises ValueError for names of solvers or checks that do not exist.
+    Parameters
+    ----------
+    solvers
+        By name.
+    expected_failures
+        Solver name → {check: reason}. Where these laws break the item is xfailed, where they hold it passes: a rare
+        failure need not show among few problems.
+    max_examples
+        For all, or by solver name; else the Hypothesis profile's.
+    seed
+        The same seed draws the same problems.
+
+    Returns
+    -------
+    callable
+        The decorator.
+
+    Raises
+    ------
+    ValueError
+        For names of solvers or checks that do not exist.
     """
     import pytest
 

@@ -40,9 +40,27 @@ MOST_SETS = 10_000  # of rows, whose singular values are looked at
 
 
 def hoffman_constant(problem: DirectionProblem) -> float:
-    """H of the rows that are switched on; 1 where there are none. ValueError beyond 10 000 sets of rank(Ĵ) rows.
+    """H of the rows that are switched on; 1 where there are none.
 
-    Those of rank(Ĵ) rows are enough: each independent set is part of one, whose σ_min is no larger.
+    Sets of rank(Ĵ) rows are enough: each independent set is part of one, whose σ_min is no larger.
+
+    Parameters
+    ----------
+    problem
+        Its metric counts: Ĵ are unit rows where M = I.
+
+    Returns
+    -------
+    float
+        H ≥ 1, without a unit.
+
+    Raises
+    ------
+    ValueError
+        Beyond 10 000 sets of rank(Ĵ) rows.
+
+    Notes
+    -----
     Source: Cauchy's interlacing theorem; Horn & Johnson, Matrix Analysis, Theorem 7.3.9.
     """
     rows = unit_rows(euclidean(problem).jacobian).jacobian[(problem.bound > -np.inf) & problem.jacobian.any(axis=1)]
@@ -71,7 +89,24 @@ def relative_distance(problem: DirectionProblem, residual: float) -> float:
 def distance_bound(
     problem: DirectionProblem, residual: float, *directions: np.ndarray, radius_multiplier: float = 0.0
 ) -> float:
-    """‖d − d*‖ for any d with KKT residuals ≤ residual; σ = max(‖g‖, ‖d‖) over all `directions`, κ the least of all."""
+    """‖d − d*‖ for any d with KKT residuals ≤ residual, as the module's head derives it.
+
+    Parameters
+    ----------
+    problem
+        What d answers.
+    residual
+        The referee's worst, relative.
+    directions
+        d, (n,), and others: σ = max(‖g‖, ‖d‖) over all of them.
+    radius_multiplier
+        κ in a ball, the least of all answers'.
+
+    Returns
+    -------
+    float
+        In the unit and the metric of d; inf in a ball with κ = 0.
+    """
     g, lengths = euclidean(problem).gradient, [length(whitened(problem, d)) for d in directions]
     if problem.radius is None:
         return relative_distance(problem, residual) * max(length(g), *lengths)

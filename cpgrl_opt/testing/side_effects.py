@@ -103,7 +103,7 @@ def check_silence(solver: DirectionSolver, problem: DirectionProblem) -> None:
 
     Source: ten thousand subproblems a run; output belongs to the caller.
     """
-    with _overheard() as noise:
+    with _listen() as noise:
         answer_of(solver, problem)
     message = (
         f"solve should print nothing; found {''.join(noise)[:300]!r}. Switch output off through the back end's own"
@@ -121,7 +121,7 @@ def writable_copy(problem: DirectionProblem) -> DirectionProblem:
 
 
 @contextmanager
-def _overheard() -> Iterator[list[str]]:
+def _listen() -> Iterator[list[str]]:
     """Collects what is written to stdout and stderr inside: Python's streams, the file descriptors, warnings."""
     noise: list[str] = []
     spoken = io.StringIO()

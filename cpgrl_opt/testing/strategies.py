@@ -20,7 +20,7 @@ from ..problems.case import Case as Case
 from ..problems.dependent import rows_of_rank
 from ..problems.registry import FAMILIES, Family
 from ..problems.regular import rows_of_condition
-from .drawn_source import DrawnSource, made
+from .drawn_source import DrawnSource, draw_with
 from .draws import between, parts, picks
 
 Problems = st.SearchStrategy[DirectionProblem]
@@ -52,36 +52,52 @@ def direction_problems(
 ) -> DirectionProblem:
     """Problems with a geometry to order; every argument is a value, a range (lowest, highest) or a strategy.
 
-    n, m: parameters and constraints; where neither is given from (1, 1) to (200, 3) and (40, 12), 12 rows at most.
-    rank: of J, exactly; else whatever the rows have, full as a rule.
-    conditioning: σ₁(J)/σᵣ(J) ≥ 1, before the rows are scaled; else whatever small integers have.
-    scale c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d. row_scale r: rows (and bounds) times 1/r, 1 or r.
-    conflict: how many constraints bind at the optimum, which is then planted: g = d − Jᵀμ. At most the rank.
-    feasible: False makes b miss {Jd} by at least 1e-3 max|b̂|; takes n, m ≥ 1, the scales, and cases with bounds only.
-    cases: which kinds of constraints to draw from; with Case.ONE_ROW among them, m = 1 unless it is given.
+    Parameters
+    ----------
+    n, m
+        Parameters and constraints; one that is not given is 3. Where neither is given from (1, 1) to (200, 3) and
+        (40, 12), 12 rows at most.
+    rank
+        Of J, exactly; else whatever the rows have, full as a rule.
+    conditioning
+        σ₁(J)/σᵣ(J) ≥ 1, before the rows are scaled; else whatever small integers have.
+    scale
+        c: (g, J, b) becomes (c g, c J, c² b), so d becomes c d.
+    row_scale
+        r: rows (and bounds) times 1/r, 1 or r.
+    conflict
+        How many constraints bind at the optimum, which is then planted: g = d − Jᵀμ. At most the rank.
+    feasible
+        False makes b miss {Jd} by at least 1e-3 max|b̂|; takes n, m ≥ 1, the scales, and cases with bounds only.
+    cases
+        Which kinds of constraints to draw from; with Case.ONE_ROW among them, m = 1 unless it is given.
+
+    Returns
+    -------
+    SearchStrategy of DirectionProblem
     """
     shape = None, None
     if n is not None or m is not None:
-        shape = _chosen(draw, 3 if n is None else n), _chosen(draw, 3 if m is None else m)
+        shape = _choose(draw, 3 if n is None else n), _choose(draw, 3 if m is None else m)
     source = DrawnSource(draw, cases, *shape)
-    if _chosen(draw, feasible):
+    if _choose(draw, feasible):
         N, M = source.shape()
-        case, order = source.case(cases), min(N, M) if rank is None else min(_chosen(draw, rank), N, M)
+        case, order = source.case(cases), min(N, M) if rank is None else min(_choose(draw, rank), N, M)
         if conditioning is not None:
-            rows = rows_of_condition(source, M, N, order, _chosen(draw, conditioning))
+            rows = rows_of_condition(source, M, N, order, _choose(draw, conditioning))
         else:
             rows = source.numbers(M, N) if rank is None else rows_of_rank(source, M, N, order)
-        problem = meet(source, rows, case, bind=None if conflict is None else _chosen(draw, conflict))
+        problem = meet(source, rows, case, bind=None if conflict is None else _choose(draw, conflict))
     else:
         problem = infeasible.infeasible(source, source.case(cases, SHIFTED_CASES))
-    return rescale(problem, _chosen(draw, scale), row_factors(draw, problem.m, _chosen(draw, row_scale)))
+    return rescale(problem, _choose(draw, scale), row_factors(draw, problem.m, _choose(draw, row_scale)))
 
 
 def infeasible_problems(n: int | None = None, m: int | None = None, *, cases: Collection[Case] = ALL_CASES) -> Problems:
     """Jᵀy = 0, y > 0 on some rows and bᵀy > 0, by at least 1e-3 max|b̂|: Farkas' vector comes first, then b."""
     if n is not None or m is not None:
         n, m = n or 3, m or 3
-    return made(infeasible.infeasible, cases, SHIFTED_CASES, (n, m))
+    return draw_with(infeasible.infeasible, cases, SHIFTED_CASES, (n, m))
 
 
 def problems_in_geometry(
@@ -90,31 +106,31 @@ def problems_in_geometry(
     """Small integer problems in a metric or, with Case.RADIUS, mostly in a ball that meets the constraints."""
     makes: dict[Case, geometry.Make] = {Case.METRIC: geometry.in_metric, Case.RADIUS: geometry.in_ball}
     kinds = members("cases", cases, GEOMETRIES)
-    return st.one_of([made(makes[kind], constraints_of(cases), shape=(n, m)) for kind in kinds])
+    return st.one_of([draw_with(makes[kind], constraints_of(cases), shape=(n, m)) for kind in kinds])
 
 
 def problems_out_of_reach(cases: Collection[Case] = (*SHIFTED_CASES, Case.RADIUS)) -> Problems:
     """The ball misses the constraints by half the distance at least; feasible without it, if 0 is not allowed."""
-    return made(geometry.out_of_reach, constraints_of(cases), SHIFTED_CASES)
+    return draw_with(geometry.out_of_reach, constraints_of(cases), SHIFTED_CASES)
 
 
 def problems_of(family: Family, cases: Collection[Case] | None = None) -> Problems:
     """The problems of a family, of the given cases or of all that it has; with Case.ONE_ROW, of one constraint."""
-    return made(family.make, family.cases if cases is None else cases, family.cases)
+    return draw_with(family.make, family.cases if cases is None else cases, family.cases)
 
 
 def well_posed_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
     """All families whose answer float64 determines, those of the given cases."""
-    return _mixed(WELL_POSED, tuple(cases))
+    return _mix(WELL_POSED, tuple(cases))
 
 
 def hostile_problems(cases: Collection[Case] = ALL_CASES) -> Problems:
     """Everything: well-posed, beyond float64, infeasible, and nearly so."""
-    return _mixed((*WELL_POSED, *HOSTILE), tuple(cases))
+    return _mix((*WELL_POSED, *HOSTILE), tuple(cases))
 
 
 @cache  # a strategy is examined by Hypothesis when it is first drawn from, which takes longer than the draw
-def _mixed(families: tuple[Family, ...], cases: tuple[Case, ...]) -> Problems:
+def _mix(families: tuple[Family, ...], cases: tuple[Case, ...]) -> Problems:
     """A problem of any of the families, often with gradients short or long or rows of other lengths."""
     kinds = constraints_of(cases)
     applicable = [family for family in families if family.serves(cases) and set(family.cases) & set(kinds)]
@@ -142,7 +158,7 @@ def row_factors(draw: st.DrawFn, m: int, row_scale: float) -> Float[np.ndarray, 
     return picks(draw, m, (1.0, row_scale, 1.0 / row_scale))
 
 
-def _chosen(draw: st.DrawFn, choice: Any) -> Any:
+def _choose(draw: st.DrawFn, choice: Any) -> Any:
     """A value as it is; (lowest, highest) uniformly for integers, log-uniformly for floats; or from a strategy."""
     if isinstance(choice, st.SearchStrategy):
         return draw(choice)

@@ -78,7 +78,7 @@ def load_subject(target: str) -> Subject:
     module_name, colon, path = target.partition(":")
     if not colon or not all(part.isidentifier() for part in (*module_name.split("."), *path.split("."))):
         raise TargetError(f"the target should be package.module:SOLVER; found {target!r}")
-    found: Any = _imported(module_name)
+    found: Any = _import(module_name)
     for name in path.split("."):
         if not hasattr(found, name):
             near = get_close_matches(name, dir(found), n=3) or [each for each in dir(found) if not each.startswith("_")]
@@ -95,7 +95,7 @@ def _subject(target: str, statement: str, expression: str, found: Any) -> Subjec
             found = found()
         except Exception as error:
             raise TargetError(
-                f"the class {target} should be constructible without arguments; found {_told(error)}",
+                f"the class {target} should be constructible without arguments; found {_describe(error)}",
                 "" if isinstance(error, TypeError) else _own_part(error),
             ) from error
     if callable(getattr(found, "solve", None)):
@@ -104,7 +104,7 @@ def _subject(target: str, statement: str, expression: str, found: Any) -> Subjec
     if not callable(found):
         raise TargetError(
             f"{target} should be a solver (an object with solve(problem)), a class of solvers, or a function "
-            f"(g, J, b) → d; found {_shortened(repr(found))}, without a method solve"
+            f"(g, J, b) → d; found {_shorten(repr(found))}, without a method solve"
         )
     try:
         solver = FunctionSolver(found)
@@ -126,7 +126,7 @@ def _require_one_argument(target: str, solver: Any) -> None:
         ) from None
 
 
-def _imported(name: str) -> Any:
+def _import(name: str) -> Any:
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
@@ -143,7 +143,7 @@ def _imported(name: str) -> Any:
 
 
 def _not_imported(name: str, error: BaseException) -> TargetError:
-    return TargetError(f"{name} should be importable; found {_told(error)}", _own_part(error))
+    return TargetError(f"{name} should be importable; found {_describe(error)}", _own_part(error))
 
 
 def _own_part(error: BaseException) -> str:
@@ -158,10 +158,10 @@ def _is_ours(filename: str) -> bool:
     return filename == __file__ or filename.startswith("<frozen importlib") or "importlib" in Path(filename).parts
 
 
-def _told(error: BaseException) -> str:
-    return _shortened(f"{type(error).__name__}: {error}")
+def _describe(error: BaseException) -> str:
+    return _shorten(f"{type(error).__name__}: {error}")
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= 200 else f"{line[:199]}…"

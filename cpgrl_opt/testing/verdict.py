@@ -158,13 +158,36 @@ def check_direction_solver(
 ) -> Verdict:
     """Every law of `LAWS` put to a solver on generated problems; `isolation.Isolated` if it may hang or crash.
 
-    expected_failures: name of a check → why it is bound to fail; such failures are counted and excused.
-    max_examples: problems a check. seed: the same seed draws the same problems. checks: names, all if None.
-    spelled: statements and the expression by which counterexamples get the solver. progress: is told each law done.
     A check fails when the law breaks once, when the solver declines more than 5 % (and more than one) of the problems
     that float64 determines, or when `supports` took none of those drawn though it takes examples. Of fewer than 50
     problems more may be declined, if it may be by chance; all results together are judged in the same way.
-    Raises ValueError for names of checks that do not exist, and where `tolerance_of(solver)` does.
+
+    Parameters
+    ----------
+    solver
+        An object with `solve(problem)`, or `isolation.Isolated` of one.
+    expected_failures
+        Name of a check → why it is bound to fail; such failures are counted and excused.
+    max_examples
+        Problems a check.
+    seed
+        The same seed draws the same problems, among the same loaded modules.
+    checks
+        Names; all if None.
+    spelled
+        Statements and the expression by which counterexamples get the solver.
+    progress
+        Is told the name of each law that is done.
+
+    Returns
+    -------
+    Verdict
+        A result for each check, in the order of `LAWS`.
+
+    Raises
+    ------
+    ValueError
+        For names of checks that do not exist, and where `tolerance_of(solver)` does.
     """
     expected = dict(expected_failures or {})
     for name in (*expected, *(checks or ())):

@@ -65,7 +65,7 @@ def test_rows_that_are_stale_leave_the_file_before_others_are_measured(
     settings = ComparisonSettings(solvers=("active-set", "gone:S"), families=("zero-rows", "duplicate"), problems=1)
     finish(settings, folder / "out", {})
     (folder / "gone.py").write_text(WRONG + "# mended\n", encoding="utf-8")
-    monkeypatch.setattr("cpgrl_opt.comparison.runner._measured", lambda *_: iter(()))
+    monkeypatch.setattr("cpgrl_opt.comparison.runner._measure", lambda *_: iter(()))
     part = replace(settings, families=("zero-rows",))
     checkpoint = open_checkpoint(part, folder / "out", {})
     with pytest.raises(KeyError):  # nothing is measured here

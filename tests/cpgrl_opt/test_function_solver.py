@@ -151,7 +151,7 @@ def test_the_bound_is_what_has_its_name_or_is_third_without_a_default(function, 
     g, J, b = np.ones(2), np.eye(2), np.array([5.0, 6.0])
     solver = FunctionSolver(function)
     assert solver.takes_bounds
-    given = solver._called(DirectionProblem(g, J, b))
+    given = solver._call(DirectionProblem(g, J, b))
     np.testing.assert_array_equal(given.pop(name), b)
     assert given.get("iterations", 50) == 50
 
@@ -169,7 +169,7 @@ def test_what_has_a_default_of_its_own_keeps_it(function):
     """So it did not: b was handed over as the number of iterations."""
     solver = FunctionSolver(function)
     assert not solver.takes_bounds
-    assert solver._called(DirectionProblem([1.0, 1.0], np.eye(2)))["iterations"] == 50
+    assert solver._call(DirectionProblem([1.0, 1.0], np.eye(2)))["iterations"] == 50
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_a_nearly_opposing_pair_has_the_angle_asked_for(problem):
 def test_most_problems_of_a_run_have_something_to_decide():
     """g is feasible in a quarter of them; where Hypothesis varies draws as it likes it is so in 40 %."""
     with _traceless():
-        drawn = _Draws(LAWS["check_stationarity"].arguments, ALL_CASES, 200, 0)._kept()
+        drawn = _Draws(LAWS["check_stationarity"].arguments, ALL_CASES, 200, 0)._draw_all()
     conflicts = []
     for problem in (arguments["problem"] for arguments in drawn):
         lack = problem.bound - problem.jacobian @ problem.gradient
