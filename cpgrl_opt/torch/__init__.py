@@ -12,6 +12,7 @@ batch                   B problems of one shape on a device
 derivative              a direction as a function that autograd differentiates
 recomputed              gradients that are taken anew, a part at a time
 step_info               what happened, by the names of the constraints
+reverse_mode            gradients by autograd, and what is said of a graph that has none
 loss_scale              mixed precision; tracing: what torch.compile does not look into
 """
 

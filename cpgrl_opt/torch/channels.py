@@ -7,7 +7,7 @@ The sign is what reverse mode begins with, so that no gradient is copied to turn
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,16 +17,9 @@ from ..step import ConstrainedStep
 from ..step_result import StepResult
 from ..validation import finite_array, real_values, require_member, require_shape
 from ..vectors import Sharded
+from .reverse_mode import differentiate_all, differentiate_one
 
 KINDS = ("cost", "reward")
-# What autograd says of graphs that cannot be differentiated, and what to ask for instead.
-_FREED = "second time"
-_BROKEN_GRAPHS = {
-    _FREED: "have a graph that is still there (see retain_graph)",
-    "donated buffers": "have a graph that is still there (see donated_buffer of compiled code)",
-    "modified by an inplace operation": "have a graph whose tensors, parameters too, nobody has written to since",
-}
-
 Gather = Callable[[np.ndarray], Sequence[np.ndarray]]  # of `Sharded`
 Loss = Any  # a tensor of one number, or a function that makes one
 
@@ -75,7 +68,7 @@ class Channels:
         if batched:
             tensors = [self._evaluate(i, each) for i, each in losses]
             names = [self.name(i) for i, _ in losses]
-            rows = _batched_gradients(names, tensors, [scale * sign for sign in signs], parameters, retain_graph)
+            rows = differentiate_all(names, tensors, [scale * sign for sign in signs], parameters, retain_graph)
             values = [float(each.detach()) for each in tensors]
         else:
             rows, values = [], []
@@ -84,7 +77,7 @@ class Channels:
                 tensor = self._evaluate(i, each)
                 values.append(float(tensor.detach()))
                 keep = not callable(each) and (k != last or retain_graph)
-                rows.append(_gradient(self.name(i), tensor, scale * signs[k], parameters, keep))
+                rows.append(differentiate_one(self.name(i), tensor, scale * signs[k], parameters, keep))
         for (i, _), sign, value in zip(losses, signs, values, strict=True):
             found[i] = sign * value
         self._require_dependence(losses, rows)
@@ -116,7 +109,7 @@ class Channels:
         rows = []
         for i, each in enumerate([self.objective, *self.constraints]):
             tensor = self._evaluate(i, each)
-            row = _gradient(self.name(i), tensor, self.sign if i else -1.0, parameters, not callable(each))
+            row = differentiate_one(self.name(i), tensor, self.sign if i else -1.0, parameters, not callable(each))
             rows.append([torch.zeros_like(p) if g is None else g for p, g in zip(parameters, row, strict=True)])
         return rows
 
@@ -163,16 +156,6 @@ def are_finite(tensors: Iterable[Any]) -> bool:
     return all(bool(each.isfinite().all()) for each in given)
 
 
-def require_dense(name: str, row: Iterable[Any]) -> None:
-    """ValueError that names what has a sparse gradient."""
-    for k, part in enumerate(row):
-        if part is not None and part.layout is not torch.strided:
-            raise ValueError(
-                f"{name} should have dense gradients; found {part.layout} in that of parameter number {k}, of shape "
-                f"{tuple(part.shape)}: make the embedding with sparse=False"
-            )
-
-
 def take_step(step: ConstrainedStep, linearization: Linearization, channels: Channels, previous: Any) -> StepResult:
     """The step's result; ValueError that names the constraint that asks for a change beyond the parameters' dtype."""
     limits = channels.slack_thresholds()
@@ -214,42 +197,3 @@ def _numbers(name: str, given: Any, names: tuple[Any, ...] | None, count: int) -
     numbers = np.atleast_1d(real_values(name, given)) if count else np.zeros(np.shape(given))
     require_shape(name, numbers, (count,))
     return finite_array(name, numbers, 1)
-
-
-def _gradient(name: str, tensor: Any, seed: float, parameters: list[Any], retain_graph: bool) -> list[Any]:
-    """ValueError for a graph that cannot be differentiated, and for sparse gradients."""
-    start = torch.full_like(tensor, seed)
-    try:
-        row = [*torch.autograd.grad(tensor, parameters, start, retain_graph=retain_graph, allow_unused=True)]
-    except RuntimeError as error:
-        _raise_for_graph(name, error)
-    require_dense(name, row)
-    return row
-
-
-def _raise_for_graph(name: str, error: RuntimeError) -> NoReturn:
-    """ValueError where it is about a graph, else what was raised."""
-    for sign, wanted in _BROKEN_GRAPHS.items():
-        if sign in str(error):
-            raise ValueError(f"{name} should {wanted}; found: {error}") from error
-    raise error
-
-
-def _batched_gradients(
-    names: list[str], tensors: list[Any], seeds: list[float], parameters: list[Any], retain_graph: bool
-) -> list[list[Any]]:
-    """All in one reverse pass, by `vmap`: the rows are views of stacked gradients."""
-    outputs = torch.stack([tensor.reshape(()) for tensor in tensors])
-    start = torch.diag(torch.tensor(seeds, dtype=outputs.dtype, device=outputs.device))
-    settings = {"retain_graph": retain_graph, "allow_unused": True, "is_grads_batched": True}
-    try:
-        parts = torch.autograd.grad(outputs, parameters, start, **settings)
-    except RuntimeError as error:
-        for name, tensor in zip(names, tensors, strict=True):  # which of them is it?
-            try:
-                _gradient(name, tensor, 1.0, parameters, retain_graph=True)
-            except ValueError as found:
-                if _FREED not in str(found):  # which the pass that failed may have done to all
-                    raise
-        _raise_for_graph("objective and constraints", error)
-    return [[None if part is None else part[i] for part in parts] for i in range(len(tensors))]

@@ -20,10 +20,11 @@ from ..step import ConstrainedStep
 from ..step_result import StepResult
 from ..validation import require_finite
 from . import loss_scale
-from .channels import Channels, Gather, are_finite, linearize, require_dense, take_step
+from .channels import Channels, Gather, are_finite, linearize, take_step
 from .parameters import read_parameters
 from .proposal import Piece, Proposal, take_pieces
 from .proposal_metric import Metric, scale_of
+from .reverse_mode import require_dense
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
 
@@ -120,7 +121,7 @@ class ConstrainedOptimizer(torch.optim.Optimizer):  # type: ignore[misc]
         asked is forgotten; the optimiser's moments may know the step's gradient, which is finite. Post-step hooks of
         the optimiser run after the projection.
         """
-        hooks, pieces = self.optimizer._optimizer_step_post_hooks, list[Piece]()
+        hooks, pieces = getattr(self.optimizer, "_optimizer_step_post_hooks", OrderedDict()), list[Piece]()
         self._keeps_first = closure is not None
         try:
             if closure is None:
