@@ -42,13 +42,3 @@ def test_a_second_command_is_refused_until_the_first_is_gone(tmp_path, start_cpg
     assert again.exit_code == 0, again.stderr
     assert "summary.json" in {path.name for path in tmp_path.iterdir()}
     assert not (tmp_path / LOCK).exists()
-
-
-def test_the_folder_is_held_until_the_last_file_is_there(tmp_path, monkeypatch):
-    seen = []
-    monkeypatch.setattr("rl.experiments.runner.draw", lambda *_: None)
-    monkeypatch.setattr("rl.experiments.runner.write_summary", lambda *_: seen.append((tmp_path / LOCK).exists()))
-    result = cpgrl("reproduce", "three-state", *TINY, "--out", tmp_path)
-    assert result.exit_code == 0, result.stderr
-    assert seen == [True]
-    assert not (tmp_path / LOCK).exists()

@@ -15,7 +15,6 @@ from rl import SoftmaxTable
 from rl.experiments.arm import ArmExperiment
 from rl.experiments.arm import tables as arm_tables
 from rl.experiments.arm.conditions import CONDITIONS
-from rl.experiments.bootstrap import mean_intervals
 from rl.experiments.messages import Outcome
 from rl.experiments.records import train
 from rl.experiments.runner import reproduce
@@ -196,13 +195,3 @@ def test_what_was_finished_before_an_interrupt_is_in_compare_csv(tmp_path):
     assert written >= {("b", "cone"), ("c", "equality")}
     assert ("c", "cone") not in written
     assert len(rows(tmp_path / "learning.csv")) == 2 * 3
-
-
-def test_intervals_cover_the_mean_as_often_as_they_say():
-    rng = np.random.default_rng(1)
-    samples = rng.exponential(size=(600, 20, 1))
-    intervals = mean_intervals(samples, rng, resamples=400)
-    covered = ((intervals[:, 1] <= 1.0) & (intervals[:, 2] >= 1.0)).mean()
-    assert 0.85 <= covered <= 0.97  # skewed and small samples: a little below 0.95
-    np.testing.assert_allclose(intervals[:, 0], samples.mean(axis=1))
-    assert (mean_intervals(samples[0, :1], rng, resamples=9) == samples[0, 0]).all()

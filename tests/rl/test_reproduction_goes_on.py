@@ -100,7 +100,7 @@ class StopError(Exception):
     pass
 
 
-def stop_at(directory, settings, number, **options):
+def stop_at(directory, settings, number):
     """Stops it while it reports its n-th record."""
     heard = []
 
@@ -111,15 +111,8 @@ def stop_at(directory, settings, number, **options):
             raise StopError
 
     with pytest.raises(StopError):
-        runner.reproduce(settings, directory, listen=listen, checkpoint_every=0.0, **options)
+        runner.reproduce(settings, directory, listen=listen, checkpoint_every=0.0)
     return heard
-
-
-def test_it_goes_on_with_another_number_of_processes(tmp_path, undisturbed):
-    stop_at(tmp_path, ARM, 4, processes=2)
-    assert reached(tmp_path)
-    runner.reproduce(ARM, tmp_path)
-    assert contents(tmp_path) == undisturbed["arm"]
 
 
 def test_no_more_than_the_last_interval_is_lost(tmp_path):
