@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from cpgrl_opt import SOLVERS, DirectionProblem, Status
+from cpgrl_opt import SOLVERS, DirectionProblem, Status, kkt_residuals
 from cpgrl_opt.published import AGEM, CPO, CRPO, GEM, MGDA, PCPO, PUBLISHED, PCGrad, UPGrad
 from cpgrl_opt.published._mgda import shortest_of_hull
 from cpgrl_opt.testing import direction_problems
@@ -100,6 +100,7 @@ def test_cpo_is_the_trust_region(problem):
     ours, found = SOLVERS["active-set"].solve(problem), CPO().solve(problem)
     assert found.status == ours.status
     np.testing.assert_allclose(found.value, ours.value, atol=1e-9)
+    assert found.status != Status.OPTIMAL or kkt_residuals(problem, found).worst <= 1e-9
 
 
 @FEW
