@@ -86,11 +86,12 @@ def _solve_ordinarily(solver: Any, g: Any, J: Any, b: np.ndarray, E: np.ndarray)
         answers = [solve(DirectionProblem(*given), solver) for given in zip(g, J, b, E, strict=True)]
         rows = DirectionBatch.stack([replace(each, value=np.zeros(0)) for each in answers])
         return replace(rows, value=torch.stack([each.value for each in answers]))
-    found = solve_arrays(solver, ProblemBatch(*(each.double().cpu().numpy() for each in (g, J)), b, E))
+    found = solve_arrays(solver, ProblemBatch(g.double().cpu().numpy(), J.double().cpu().numpy(), b, E))
     value = torch.from_numpy(found.value).to(g)
     if (lost := _are_lost(value)).any():
         value[torch.from_numpy(lost).to(g.device)] = 0.0
-        found = found.replace_where(lost, [Direction.nothing(*J.shape[:0:-1], Status.NUMERICAL_ERROR)] * lost.sum())
+        nothing = Direction.nothing(J.shape[2], J.shape[1], Status.NUMERICAL_ERROR)
+        found = found.replace_where(lost, DirectionBatch.stack([nothing] * int(lost.sum())))
     return replace(found, value=value)
 
 
