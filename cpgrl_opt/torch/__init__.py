@@ -10,6 +10,7 @@ constrained_optimizer   any optimiser's step, projected in its own metric; propo
 channels                objective and constraints → gradients; parameters: which of them move
 batch                   B problems of one shape on a device
 derivative              a direction as a function that autograd differentiates
+ranks                   data-parallel training, and sharded parameters
 recomputed              gradients that are taken anew, a part at a time
 step_info               what happened, by the names of the constraints
 reverse_mode            gradients by autograd, and what is said of a graph that has none
@@ -21,9 +22,10 @@ from .batch import solve_batch as solve_batch
 from .constrained_optimizer import ConstrainedOptimizer as ConstrainedOptimizer
 from .derivative import DifferentiableDirection as DifferentiableDirection
 from .derivative import solve_direction as solve_direction
+from .ranks import average_over_ranks as average_over_ranks
 from .step_info import StepInfo as StepInfo
 
 __all__ = [
-    "ConstrainedOptimizer", "DifferentiableDirection", "StepInfo", "constrained_backward", "solve_batch",
-    "solve_direction",
+    "ConstrainedOptimizer", "DifferentiableDirection", "StepInfo", "average_over_ranks", "constrained_backward",
+    "solve_batch", "solve_direction",
 ]  # fmt: skip

@@ -15,6 +15,7 @@ from ..validation import require_count
 from .channels import Channels, Gather, linearize, take_step
 from .loss_scale import overflows, scale_of, skip, unscale
 from .parameters import read_parameters
+from .ranks import Average, as_gradient, local, read_gather, share
 from .recomputed import RecomputedVectors, split
 from .step_info import StepInfo, describe
 from .tracing import run_uncompiled
@@ -37,6 +38,7 @@ def constrained_backward(
     batched: bool = False,
     scaler: Any = None,
     gather: Gather | None = None,
+    average: Average | None = None,
     chunks: int | None = None,
 ) -> StepInfo:
     """Adds to `.grad` of each parameter what descends the objective under the constraints.
@@ -59,8 +61,11 @@ def constrained_backward(
     scaler : a `torch.amp.GradScaler`, for losses as they are, unscaled; scaler.step and scaler.update follow as usual.
     gather : where each process has a part of the parameters, of one model, as in `vectors.Sharded`: for example
         `vectors.gather_by_torch`. Values are those of the whole model.
+    average : where each process has all parameters and a share of the data, as in `DistributedDataParallel`: tensors of
+        this process → their means over all, `average_over_ranks` or of the caller's. Gradients and values are averaged.
+        Parameters sharded by `fully_shard` ask for neither.
     chunks : gradients of so many parts of the parameters, one part at a time, taken anew when they are asked for: with
-        1 + m chunks in the memory of one gradient. Graphs stay; not with `batched`, `scaler` or `gather`.
+        1 + m chunks in the memory of one gradient. Graphs stay; not with `batched`, `scaler`, `gather` or `average`.
 
     Raises
     ------
@@ -71,12 +76,13 @@ def constrained_backward(
     rate, scale = _require_rate(step), scale_of(scaler)
     channels = Channels.read(objective, constraints, values, thresholds, kind)
     moving = read_parameters(parameters, _DTYPES)
+    gather = read_gather(moving, average, gather, batched=batched, scaler=scaler, chunks=chunks)
     if chunks is not None:
-        _require_chunks(chunks, batched, scaler, gather)
+        _require_chunks(chunks, batched=batched, scaler=scaler, gather=gather, average=average)
         linearization, reached = _recompute(channels, moving, chunks), moving
     else:
         settings: dict[str, Any] = {"scale": scale, "retain_graph": retain_graph, "batched": batched}
-        found, gradients, reached = channels.differentiate(moving, **settings)
+        found, gradients, reached = share(channels.differentiate(moving, **settings), moving, average, gather)
         if overflows(gradients, scaler):
             return skip(moving, channels, found)
         unscale(gradients, scale)
@@ -90,13 +96,12 @@ def accumulate(parameters: list[Any], changes: list[Any], factor: float) -> None
     """factor × changes into `.grad`, as `backward` does; they are overwritten."""
     with torch.no_grad():
         for parameter, change in zip(parameters, changes, strict=True):
-            if parameter.grad is None:
-                # 0 + …, in one pass: a factor < 0 alone would make −0.0 of 0
-                parameter.grad = torch.add(
-                    torch.zeros((), dtype=change.dtype, device=change.device), change, alpha=factor, out=change
-                )
+            if parameter.grad is not None:
+                local(parameter.grad).add_(change, alpha=factor)
             else:
-                parameter.grad.add_(change, alpha=factor)
+                # 0 + …, in one pass: a factor < 0 alone would make −0.0 of 0
+                zero = torch.zeros((), dtype=change.dtype, device=change.device)
+                parameter.grad = as_gradient(torch.add(zero, change, alpha=factor, out=change), parameter)
 
 
 def _recompute(channels: Channels, parameters: list[Any], chunks: int) -> Linearization:
@@ -107,10 +112,10 @@ def _recompute(channels: Channels, parameters: list[Any], chunks: int) -> Linear
     )
 
 
-def _require_chunks(chunks: Any, batched: bool, scaler: Any, gather: Any) -> None:
+def _require_chunks(chunks: Any, **others: Any) -> None:
     require_count("chunks", chunks)
-    if batched or scaler is not None or gather is not None:
-        raise ValueError(f"chunks should be None with batched, scaler or gather; found {chunks}")
+    if any(each is not None and each is not False for each in others.values()):
+        raise ValueError(f"chunks should be None with {', '.join(others)}; found {chunks}")
 
 
 def _require_rate(step: ConstrainedStep) -> float:

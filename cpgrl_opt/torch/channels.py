@@ -17,6 +17,7 @@ from ..step import ConstrainedStep
 from ..step_result import StepResult
 from ..validation import finite_array, real_values, require_member, require_shape
 from ..vectors import Sharded
+from .ranks import local
 from .reverse_mode import differentiate_all, differentiate_one
 
 KINDS = ("cost", "reward")
@@ -88,7 +89,7 @@ class Channels:
         for row in rows:
             for k in places:
                 if row[k] is None:
-                    row[k] = zeros.setdefault(k, torch.zeros_like(parameters[k]))
+                    row[k] = zeros.setdefault(k, torch.zeros_like(local(parameters[k])))
         return found, [[row[k] for k in places] for row in rows], [parameters[k] for k in places]
 
     def require_finite(self, rows: list[list[Any]], first: int = 0) -> None:

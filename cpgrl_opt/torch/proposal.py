@@ -13,6 +13,8 @@ from typing import Any
 
 import torch
 
+from .ranks import local
+
 # Numbers from which on a piece takes no further parameter. With 1e4 a call takes as long as the numbers do; pieces of
 # 1e6 would be copied where a parameter alone is read where it lies.
 _FULL = 1 << 16
@@ -36,12 +38,13 @@ class Piece:
         if all(part is None for part in parts):
             return None
         pairs = zip(parts, self.parameters, strict=True)
-        return flatten([torch.zeros_like(each) if part is None else part for part, each in pairs])
+        return flatten([torch.zeros_like(local(each)) if part is None else part for part, each in pairs])
 
     def put(self, numbers: Any) -> None:
         """Into the parameters, rounded to their dtype."""
-        parts = numbers.split([each.numel() for each in self.parameters])
-        for each, part in zip(self.parameters, parts, strict=True):
+        here = [local(each) for each in self.parameters]
+        parts = numbers.split([each.numel() for each in here])
+        for each, part in zip(here, parts, strict=True):
             each.copy_(part.view(each.shape))
 
 
@@ -91,7 +94,10 @@ class Proposal:
 
 
 def flatten(tensors: list[Any], *, copy: bool = False) -> Any:
-    """Side by side, of float32 at least, without a graph; one alone is a view, unless a copy is asked for."""
-    flat = [each.detach().reshape(-1) for each in tensors]
+    """Side by side, of float32 at least, without a graph; one alone is a view, unless a copy is asked for.
+
+    Of shards what this rank has.
+    """
+    flat = [local(each.detach()).reshape(-1) for each in tensors]
     joined = torch.cat(flat) if copy or len(flat) > 1 else flat[0]
     return joined.float() if joined.dtype.itemsize < torch.float32.itemsize else joined

@@ -5,6 +5,8 @@ from typing import Any, NoReturn
 
 import torch
 
+from .ranks import differentiate_by_hooks, is_sharded
+
 # What autograd says of graphs that cannot be differentiated, and what to ask for instead.
 _FREED = "second time"
 _BROKEN_GRAPHS = {
@@ -18,7 +20,10 @@ def differentiate_one(name: str, tensor: Any, seed: float, parameters: list[Any]
     """ValueError for a graph that cannot be differentiated, and for sparse gradients."""
     start = torch.full_like(tensor, seed)
     try:
-        row = [*torch.autograd.grad(tensor, parameters, start, retain_graph=retain_graph, allow_unused=True)]
+        if is_sharded(parameters):
+            row = differentiate_by_hooks(tensor, parameters, start, retain_graph)
+        else:
+            row = [*torch.autograd.grad(tensor, parameters, start, retain_graph=retain_graph, allow_unused=True)]
     except RuntimeError as error:
         _raise_for_graph(name, error)
     require_dense(name, row)

@@ -1,32 +1,59 @@
-"""One model in parts on 1, 2 and 4 ranks of gloo: the same training to rounding, and the same bits on all ranks."""
+"""A model in parts, on shares of the data, and in shards, on 1, 2, 4 ranks of gloo: the same training to rounding."""
 
+import os
 import pickle
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("torch")
 
-from .ranks import COUNT
+from .ranks import COUNT, KINDS, WAYS
+
+if not hasattr(os, "fork"):
+    pytest.skip("there is no fork: ranks would take minutes to start", allow_module_level=True)
 
 
-def test_a_training_is_the_same_on_every_number_of_ranks(tmp_path: Path) -> None:
-    script = Path(__file__).parent / "ranks.py"
-    started = [subprocess.Popen([sys.executable, str(script), str(rank), str(tmp_path)]) for rank in range(COUNT)]
-    try:
-        assert [each.wait(timeout=400) for each in started] == [0] * COUNT
-    finally:
-        for each in started:
-            each.kill()
-    found = [pickle.loads((tmp_path / f"{rank}.pickle").read_bytes()) for rank in range(COUNT)]
-    for way in ("backward", "optimizer"):
-        whole, told = found[0][way, 1]
-        assert any(each[:2].any() for each in told)
-        for few in (2, 4):
-            parts = [found[rank][way, few] for rank in range(few)]
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
+    """What each rank came to, of one launch of all."""
+    folder = tmp_path_factory.mktemp("ranks")
+    subprocess.run([sys.executable, Path(__file__).parent / "ranks.py", folder], check=True, timeout=400)
+    return [pickle.loads((folder / f"{rank}.pickle").read_bytes()) for rank in range(COUNT)]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_training_is_the_same_on_every_number_of_ranks(kind: str, way: str, found: list[Any]) -> None:
+    """And to the same bits on all ranks."""
+    whole, told = found[0][kind, way, 1]
+    assert any(each[:2].any() for each in told)
+    for few in (2, 4):
+        parts = [found[rank][kind, way, few] for rank in range(few)]
+        if kind == "parts":
             np.testing.assert_allclose(np.concatenate([part for part, _ in parts]), whole, atol=1e-11)
-            for _, its in parts:
-                np.testing.assert_array_equal(its, parts[0][1])
+        for part, its in parts:
+            np.testing.assert_array_equal(its, parts[0][1])
+            np.testing.assert_allclose(its, told, atol=1e-11)
+            if kind != "parts":
+                np.testing.assert_array_equal(part, parts[0][0])
+                np.testing.assert_allclose(part, whole, atol=1e-11)
+
+
+def test_shards_and_shares_are_one_training(found: list[Any]) -> None:
+    for way in WAYS:
+        np.testing.assert_allclose(found[0]["sharded", way, 2][0], found[0]["averaged", way, 2][0], atol=1e-11)
+
+
+def test_a_head_that_one_rank_uses_moves_on_all_and_one_that_none_uses_on_none(found: list[Any]) -> None:
+    for each in found:
+        assert each["heads"] == [[2.5, 2.5], [1.0, 1.0], None]  # the means of 1, 2, 3, 4 and of 0, 0, 0, 4
+
+
+def test_a_gradient_that_is_not_finite_on_one_rank_is_an_error_on_all(found: list[Any]) -> None:
+    for each in found:
+        assert "constraints[0] should have a finite gradient" in each["error"]
