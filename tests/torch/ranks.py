@@ -123,27 +123,26 @@ def heads_of_one_rank(rank: int) -> list[Any]:
     return [None if each.grad is None else each.grad.tolist() for each in heads]
 
 
-def error_of_one_rank(rank: int) -> str:
-    """What all are told where one has no finite gradient."""
+def errors_of_one_rank(rank: int) -> list[str]:
+    """What all are told where one has no finite gradient: on a share of the data, in a part of the model."""
     import torch
 
-    from cpgrl_opt.torch import average_over_ranks, constrained_backward
+    from cpgrl_opt.torch import ConstrainedOptimizer, average_over_ranks, constrained_backward
 
     w = torch.nn.Parameter(torch.ones(2))
-    factor = torch.nan if rank == 1 else 1.0
-    try:
-        constrained_backward(
-            w.sum(),
-            [factor * w.sum()],
-            values=[0.0],
-            thresholds=[9.0],
-            parameters=[w],
-            step=STEP,
-            average=average_over_ranks,
-        )
-    except ValueError as error:
-        return str(error)
-    return "no error"
+    factor, told = torch.nan if rank == 1 else 1.0, []
+    settings: dict[str, Any] = {"values": [0.0], "thresholds": [9.0]}
+    for optimizer in (None, ConstrainedOptimizer(torch.optim.SGD([w], lr=0.1), STEP, gather=gather_by_torch)):
+        try:
+            if optimizer is not None:
+                optimizer.constrain([factor * w.sum()], **settings)
+            else:
+                settings["average"] = average_over_ranks
+                constrained_backward(w.sum(), [factor * w.sum()], parameters=[w], step=STEP, **settings)
+        except ValueError as error:
+            told.append(str(error))
+        settings.pop("average", None)
+    return told
 
 
 def work(rank: int, folder: Path) -> None:
@@ -153,7 +152,7 @@ def work(rank: int, folder: Path) -> None:
     distributed.init_process_group(
         "gloo", init_method=start, rank=rank, world_size=COUNT, timeout=timedelta(seconds=100)
     )
-    found: dict[Any, Any] = {"heads": heads_of_one_rank(rank), "error": error_of_one_rank(rank)}
+    found: dict[Any, Any] = {"heads": heads_of_one_rank(rank), "errors": errors_of_one_rank(rank)}
     for few in (1, 2, 4):
         group = distributed.new_group(list(range(few)))
         if rank < few:

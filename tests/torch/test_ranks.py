@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from .ranks import COUNT, KINDS, WAYS
+from .ranks import COUNT, KINDS, STEP, WAYS
 
 if not hasattr(os, "fork"):
     pytest.skip("there is no fork: ranks would take minutes to start", allow_module_level=True)
@@ -56,4 +56,24 @@ def test_a_head_that_one_rank_uses_moves_on_all_and_one_that_none_uses_on_none(f
 
 def test_a_gradient_that_is_not_finite_on_one_rank_is_an_error_on_all(found: list[Any]) -> None:
     for each in found:
-        assert "constraints[0] should have a finite gradient" in each["error"]
+        averaged, in_parts = each["errors"]
+        assert "constraints[0] should have a finite gradient" in averaged
+        assert "gradients of constraints should be finite" in in_parts
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    import torch
+
+    from cpgrl_opt.torch import average_over_ranks, constrained_backward
+    from cpgrl_opt.vectors import gather_by_torch
+
+    w = torch.nn.Parameter(torch.ones(2))
+    for settings, said in (
+        ({"average": 3}, "average should be a function"),
+        ({"average": average_over_ranks, "gather": gather_by_torch}, "average should be None with gather"),
+        ({"average": average_over_ranks, "chunks": 2}, "chunks should be None with"),
+        ({"average": average_over_ranks}, "torch.distributed should be initialised"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            constrained_backward(w.sum(), [w.sum()], thresholds=[1.0], parameters=[w], step=STEP, **settings)
+    assert w.grad is None
