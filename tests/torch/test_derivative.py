@@ -1,11 +1,15 @@
 """`solve_direction`: its derivatives are those of finite differences; where there are none it says so."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from cpgrl_opt import DirectionError  # noqa: E402
+from cpgrl_opt import DirectionError, DirectionProblem  # noqa: E402
+from cpgrl_opt.exact import exact_answer  # noqa: E402
+from cpgrl_opt.exact.rational import fractions_of, solve  # noqa: E402
 from cpgrl_opt.torch import solve_direction  # noqa: E402
 
 
@@ -26,6 +30,57 @@ def test_derivatives_are_those_of_finite_differences(seed: int) -> None:
         return again.value, again.multipliers
 
     assert torch.autograd.gradcheck(both, tensors, eps=1e-6, atol=1e-5, rtol=1e-5)
+
+
+def exact_derivatives(problem: DirectionProblem) -> np.ndarray:
+    """∂(d, μ)/∂(g, J, b), (n + m, n + m n + m): of the KKT system of the rows that push, solved in fractions."""
+    n, m = problem.n, problem.m
+    on = np.flatnonzero(exact_answer(problem).multipliers).tolist()
+    g, b = fractions_of(problem.gradient), fractions_of(problem.bound)
+    J = [fractions_of(row) for row in problem.jacobian]
+    system = [[Fraction(int(i == k)) for k in range(n)] + [-J[a][i] for a in on] for i in range(n)]
+    system += [J[a] + [Fraction(0)] * len(on) for a in on]
+    found = solve(system, g + [b[a] for a in on])
+    assert found is not None
+    d, mu = found[:n], dict(zip(on, found[n:], strict=True))
+    columns = []
+    for index in range(n + m * n + m):
+        right = [Fraction(0)] * (n + len(on))  # δg + δJᵀμ, then δb − δJ d
+        i, k = divmod(index - n, n)
+        if index < n:
+            right[index] += 1
+        elif index < n + m * n and i in on:
+            right[k] += mu[i]
+            right[n + on.index(i)] -= d[k]
+        elif index >= n + m * n and index - n - m * n in on:
+            right[n + on.index(index - n - m * n)] += 1
+        change = solve(system, right)
+        assert change is not None
+        pushes = dict(zip(on, change[n:], strict=True))
+        columns.append([float(each) for each in change[:n]] + [float(pushes.get(i, 0)) for i in range(m)])
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("angle", [1.0, 1e-3])
+@pytest.mark.parametrize("seed", range(3))
+def test_derivatives_are_those_of_rational_arithmetic(seed: int, angle: float) -> None:
+    """With rows `angle` from each other too, where finite differences have half of the digits."""
+    rng = np.random.default_rng(seed)
+    g, J, b = rng.normal(size=4), rng.normal(size=(3, 4)), rng.normal(size=3)
+    J[1] = J[0] + angle * J[1]
+    b[1] = b[0] + angle * b[1]
+    given = [torch.tensor(each) for each in (g, J, b)]
+    assert solve_direction(*given).is_differentiable
+
+    def both(*tensors):
+        again = solve_direction(*tensors)
+        return torch.cat([again.value, again.multipliers])
+
+    parts = torch.autograd.functional.jacobian(both, tuple(given))
+    found = torch.cat([part.reshape(7, -1) for part in parts], dim=1).numpy()
+    expected = exact_derivatives(DirectionProblem(g, J, b))
+    assert (expected[4:] != 0.0).any()
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-13 / angle**2 * np.abs(expected).max())
 
 
 KINKS = {
