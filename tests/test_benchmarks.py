@@ -21,6 +21,11 @@ METHODS = ("restoring", "linearized, κ = 1", "linearized, κ = ½")
 # What is typed, constants of the module, and a column of the CSV file.
 TINY = {
     "arm_speed": ("--scale 0.001", {"REPETITIONS": 1}, ("runs", ["20"] * 6 + ["1"])),
+    "batches": (
+        "--problems 6 --parameters 4 --constraints 2 --repeats 1",
+        {},
+        ("method", ["NumPy batch"] * 3),
+    ),
     "long_memory": ("--parameters 60000 --constraints 5 --kinds tree", {"RUNGS": ("pairs",)}, ("rung", ["pairs"])),
     "long_vectors": (
         "--parameters 500,2000 --constraints 2 --scale 0.05",
@@ -99,6 +104,15 @@ def test_a_benchmark_runs_tiny_and_writes_its_page_and_its_rows(name, load_bench
         assert float(row.get("error", 0)) < 1e-6
         assert row.get("failed", "0") in ("0", "False")
         assert float(row.get("apart", 0)) <= 1e-12 or row["apart"] == "nan"
+
+
+def test_batches_of_tensors_are_right_at_every_scale(load_benchmark):
+    pytest.importorskip("torch")
+    batches = load_benchmark("batches")
+    rows = [row for scale in batches.SCALES for row in batches.measure(batches.draw(5, 9, 3, scale), scale, 1)]
+    ours = [row for row in rows if row.method.startswith(("NumPy", "tensors"))]
+    assert len(ours) >= 15
+    assert {row.right for row in ours} == {1.0}
 
 
 @pytest.mark.parametrize("package", ["torch", "jax"])
