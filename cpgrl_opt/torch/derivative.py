@@ -3,7 +3,7 @@
     δd − Jᵀδμ = δg + δJᵀμ,   J δd = δb − δJ d        rows of A
     K = JJᵀ,   q = K⁻¹(Jv + w),   p = v − Jᵀq:   ∂g = p,   ∂b = q,   ∂J = μpᵀ − q dᵀ
 
-for a loss with the derivatives v in d and w in μ. Where a row is met with μ = 0 the direction has a kink, and where
+for a loss with the derivatives v in d and w in μ; their own derivatives are those of this formula. Where a row is met with μ = 0 the direction has a kink, and where
 rows of A depend μ is not unique. What comes then is the derivative with A the rows that push, μ > 0, and K⁺ for K⁻¹,
 and `is_differentiable` is False.
 Source: Amos & Kolter 2017, OptNet, eq. 6.
@@ -59,12 +59,14 @@ class _Solve(torch.autograd.Function):  # type: ignore[misc]
     def forward(ctx: Any, g: Any, J: Any, b: Any, solver: Any) -> Any:
         answer = solve(DirectionProblem(g.detach(), J.detach(), b.detach().double().cpu().numpy()), solver)
         answer.raise_for_status()
-        d, mu = answer.value.detach(), torch.as_tensor(answer.multipliers, dtype=g.dtype, device=g.device)
-        lengths = torch.linalg.vector_norm(J, dim=1).clamp_min(torch.finfo(g.dtype).tiny)
-        unit = max(float(torch.linalg.vector_norm(each)) for each in (g, d))
+        d, multipliers = answer.value.detach(), torch.as_tensor(answer.multipliers, device=g.device)
+        mu = multipliers.to(g.dtype)  # where g is far smaller than a row, 0
+        unit_rows, lengths = _normalize(J)
+        unit = max(float(_normalize(each[None])[1]) for each in (g, d))
         zero = max(_ZERO, 8 * torch.finfo(g.dtype).eps) * unit
-        pushes, is_met = mu * lengths > zero, (J @ d - b).abs() / lengths <= zero
-        rows = (J[pushes] / lengths[pushes, None]).double()
+        pushes = multipliers * lengths > zero
+        is_met = (unit_rows @ d.double() - b.double() / lengths).abs() <= zero
+        rows = unit_rows[pushes]
         least = torch.linalg.eigvalsh(rows @ rows.T)[:1]
         tells = not bool((is_met & ~pushes & (J != 0).any(dim=1)).any()) and not bool((least < _DEPENDENT).any())
         ctx.save_for_backward(J, d, mu, pushes)
@@ -74,12 +76,9 @@ class _Solve(torch.autograd.Function):  # type: ignore[misc]
         return d, mu, flag
 
     @staticmethod
-    @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator,unused-ignore]
     def backward(ctx: Any, v: Any, w: Any, _: Any) -> Any:
         J, d, mu, pushes = ctx.saved_tensors
-        rows = J[pushes].double()
-        lengths = torch.linalg.vector_norm(rows, dim=1)
-        unit = rows / lengths[:, None]
+        unit, lengths = _normalize(J[pushes])
         asked = unit @ v.double() + w[pushes].double() / lengths
         q_unit = torch.linalg.pinv(unit @ unit.T, hermitian=True, rtol=_DEPENDENT) @ asked
         p = v.double() - unit.T @ q_unit
@@ -88,3 +87,14 @@ class _Solve(torch.autograd.Function):  # type: ignore[misc]
         on_rows = torch.zeros_like(J)
         on_rows[pushes] = (torch.outer(mu[pushes].double(), p) - torch.outer(q[pushes], d.double())).to(J.dtype)
         return p.to(d.dtype), on_rows, q.to(mu.dtype), None
+
+
+def _normalize(rows: Any) -> tuple[Any, Any]:
+    """Unit rows and lengths > 0 in float64; of rows of 1e±200 too, whose squares are no numbers."""
+    given = rows.double()
+    largest = given.detach().abs().amax(dim=1, keepdim=True) if rows.shape[1] else given.new_zeros(len(rows), 1)
+    largest = torch.where(largest > 0.0, largest, torch.ones_like(largest))
+    scaled = given / largest
+    lengths = torch.linalg.vector_norm(scaled, dim=1, keepdim=True)
+    lengths = torch.where(lengths > 0.0, lengths, torch.ones_like(lengths))
+    return scaled / lengths, (lengths * largest)[:, 0]

@@ -30,6 +30,19 @@ def test_derivatives_are_those_of_finite_differences(seed: int) -> None:
         return again.value, again.multipliers
 
     assert torch.autograd.gradcheck(both, tensors, eps=1e-6, atol=1e-5, rtol=1e-5)
+    assert torch.autograd.gradgradcheck(both, tensors, eps=1e-6, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("dtype, least, most", [("float32", 1e-30, 1e20), ("float64", 1e-200, 1e100)])
+def test_no_scale_of_gradient_or_rows_takes_the_derivative_away(dtype: str, least: float, most: float) -> None:
+    for of_gradient in (1.0, least, most):
+        for of_rows in (1.0, least, most):
+            g = torch.tensor([of_gradient, -of_gradient], dtype=getattr(torch, dtype), requires_grad=True)
+            J = torch.tensor([[0.0, of_rows]], dtype=g.dtype, requires_grad=True)
+            found = solve_direction(g, J, torch.zeros(1, dtype=g.dtype))
+            found.value.sum().backward()
+            assert found.is_differentiable
+            np.testing.assert_array_equal(g.grad, [1.0, 0.0])
 
 
 def exact_derivatives(problem: DirectionProblem) -> np.ndarray:
