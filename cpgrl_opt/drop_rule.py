@@ -33,7 +33,8 @@ def vanish(moves: Float[np.ndarray, "B n"], constraints: ActiveConstraints) -> B
 
 def tangents(constraints: ActiveConstraints, radius: Number | None = None) -> Float[np.ndarray, "B n"]:
     """PΔ¹, in the ball where there is one, by the closed form: a solver may stop anywhere within its tolerance."""
-    return solve_batch(Rosen(), FORMULATIONS["equality"].tangents(constraints).in_geometry(None, radius)).value
+    problems = FORMULATIONS["equality"].tangents(constraints).in_geometry(None, radius)
+    return np.asarray(solve_batch(Rosen(), problems).value)
 
 
 def has_positive_multipliers(constraints: ActiveConstraints) -> Bool[np.ndarray, "B"]:

@@ -3,9 +3,9 @@
     δd − Jᵀδμ = δg + δJᵀμ,   J δd = δb − δJ d        rows of A
     K = JJᵀ,   q = K⁻¹(Jv + w),   p = v − Jᵀq:   ∂g = p,   ∂b = q,   ∂J = μpᵀ − q dᵀ
 
-for a loss with the derivatives v in d and w in μ; their own derivatives are those of this formula. Where a row is met with μ = 0 the direction has a kink, and where
-rows of A depend μ is not unique. What comes then is the derivative with A the rows that push, μ > 0, and K⁺ for K⁻¹,
-and `is_differentiable` is False.
+for a loss with the derivatives v in d and w in μ; second derivatives are those of this formula. Where a row is met
+with μ = 0 the direction has a kink, and where rows of A depend μ is not unique. What comes then is the derivative with
+A the rows that push, μ > 0, and K⁺ for K⁻¹, and `is_differentiable` is False.
 Source: Amos & Kolter 2017, OptNet, eq. 6.
 """
 

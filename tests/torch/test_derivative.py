@@ -33,7 +33,7 @@ def test_derivatives_are_those_of_finite_differences(seed: int) -> None:
     assert torch.autograd.gradgradcheck(both, tensors, eps=1e-6, atol=1e-4, rtol=1e-4)
 
 
-@pytest.mark.parametrize("dtype, least, most", [("float32", 1e-30, 1e20), ("float64", 1e-200, 1e100)])
+@pytest.mark.parametrize(("dtype", "least", "most"), [("float32", 1e-30, 1e20), ("float64", 1e-200, 1e100)])
 def test_no_scale_of_gradient_or_rows_takes_the_derivative_away(dtype: str, least: float, most: float) -> None:
     for of_gradient in (1.0, least, most):
         for of_rows in (1.0, least, most):
