@@ -2,7 +2,7 @@
 
     g = −∇loss,   Jᵢ = −∇costᵢ (or ∇rewardᵢ),   slackᵢ = thresholdᵢ − costᵢ (or rewardᵢ − thresholdᵢ)
 
-The sign is what reverse mode begins with, so that no gradient is copied to turn it.
+Reverse mode runs with the loss's own sign, since hooks of the parameters see its gradients; it is turned afterwards.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

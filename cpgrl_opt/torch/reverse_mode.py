@@ -17,8 +17,8 @@ _BROKEN_GRAPHS = {
 
 
 def differentiate_one(name: str, tensor: Any, seed: float, parameters: list[Any], retain_graph: bool) -> list[Any]:
-    """ValueError for a graph that cannot be differentiated, and for sparse gradients."""
-    start = torch.full_like(tensor, seed)
+    """seed ∇tensor; ValueError for a graph that cannot be differentiated, and for sparse gradients."""
+    start = torch.full_like(tensor, abs(seed))
     try:
         if is_sharded(parameters):
             row = differentiate_by_hooks(tensor, parameters, start, retain_graph)
@@ -27,7 +27,12 @@ def differentiate_one(name: str, tensor: Any, seed: float, parameters: list[Any]
     except RuntimeError as error:
         _raise_for_graph(name, error)
     require_dense(name, row)
-    return row
+    return row if seed > 0.0 else _negate(row)
+
+
+def _negate(row: Iterable[Any]) -> list[Any]:
+    """Not in place: autograd's gradients may be views, of one number too."""
+    return [None if part is None else -part for part in row]
 
 
 def _raise_for_graph(name: str, error: RuntimeError) -> NoReturn:
@@ -43,10 +48,10 @@ def differentiate_all(
 ) -> list[list[Any]]:
     """All in one reverse pass, by `vmap`: the rows are views of stacked gradients."""
     outputs = torch.stack([tensor.reshape(()) for tensor in tensors])
-    start = torch.diag(torch.tensor(seeds, dtype=outputs.dtype, device=outputs.device))
+    weights = torch.tensor(seeds, dtype=outputs.dtype, device=outputs.device)
     settings = {"retain_graph": retain_graph, "allow_unused": True, "is_grads_batched": True}
     try:
-        parts = torch.autograd.grad(outputs, parameters, start, **settings)
+        parts = [*torch.autograd.grad(outputs, parameters, torch.diag(weights.abs()), **settings)]
     except RuntimeError as error:
         for name, tensor in zip(names, tensors, strict=True):  # which of them is it?
             try:
@@ -55,6 +60,9 @@ def differentiate_all(
                 if _FREED not in str(found):  # which the pass that failed may have done to all
                     raise
         _raise_for_graph("objective and constraints", error)
+    for k, part in enumerate(parts):  # each goes as its successor is made
+        if part is not None:
+            parts[k] = part * weights.sign().to(part.dtype).reshape(-1, *[1] * (part.ndim - 1))
     return [[None if part is None else part[i] for part in parts] for i in range(len(tensors))]
 
 

@@ -225,3 +225,13 @@ def test_parameters_are_taken_as_optimisers_take_them(net: Any, batch: Any) -> N
         grads.append([each.grad for each in net.parameters()])
     for other in grads[1:]:
         assert all(a is b is None or torch.equal(a, b) for a, b in zip(grads[0], other, strict=True))
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_hooks_of_parameters_see_gradients_as_backward_shows_them(batched: bool) -> None:
+    w = torch.nn.Parameter(torch.tensor([1.0, -2.0]))
+    w.register_hook(lambda gradient: gradient.clamp(min=0.0))
+    constrained_backward(
+        (w**2).sum(), [w.sum()], thresholds=[100.0], parameters=[w], step=ConstrainedStep(), batched=batched
+    )
+    torch.testing.assert_close(w.grad, torch.tensor([2.0, 0.0]))

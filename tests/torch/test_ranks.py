@@ -22,7 +22,9 @@ if not hasattr(os, "fork"):
 def found(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
     """What each rank came to, of one launch of all."""
     folder = tmp_path_factory.mktemp("ranks")
-    subprocess.run([sys.executable, Path(__file__).parent / "ranks.py", folder], check=True, timeout=400)
+    one_thread = {**os.environ, "OMP_NUM_THREADS": "1"}  # a fork has none of its parent's threads, and waits for them
+    command = [sys.executable, Path(__file__).parent / "ranks.py", folder]
+    subprocess.run(command, check=True, timeout=200, env=one_thread)
     return [pickle.loads((folder / f"{rank}.pickle").read_bytes()) for rank in range(COUNT)]
 
 
