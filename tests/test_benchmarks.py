@@ -75,7 +75,7 @@ TINY = {
 def test_every_benchmark_is_tried(load_benchmark):
     folder = load_benchmark("tables").RESULTS.parent
     found = {path.stem for path in folder.glob("*.py") if "__main__" in path.read_text(encoding="utf-8")}
-    elsewhere = {"mutations", "in_a_training_loop", "network_updates"}  # the latter two in tests/torch
+    elsewhere = {"mutations", "in_a_training_loop", "network_updates", "jax_directions"}  # in tests/torch, tests/jax
     assert found == {*TINY, *elsewhere}
 
 

@@ -15,12 +15,11 @@ import optax
 
 from ..direction import Status
 from ..step import ConstrainedStep
-from ..validation import require_member
 from ._derivative import answer
-from ._info import StepInfo, describe, gain_of, no_info, stop
+from ._info import StepInfo, describe, no_info, stop
 from ._metric import metric_of
-from ._settings import KINDS, read_step
-from ._trees import read_gradients, real_vector
+from ._settings import read_step
+from ._trees import list_by_name, names_of, read_gradients, real_vector
 
 
 class ConstrainState(NamedTuple):
@@ -37,6 +36,8 @@ def constrain(
     *,
     kind: str = "cost",
     metric: Callable[[Any], Any] | None = None,
+    b2: float = 0.999,
+    eps: float = 1e-8,
     path: str = "device",
 ) -> Any:
     """An optimiser whose updates keep slack + J·Δθ as large as the step's formulation demands, to first order.
@@ -50,11 +51,12 @@ def constrain(
     ----------
     optimizer : of optax, the whole chain: what follows a projection may undo it.
     step : `restoring` or `linearized`. Its step_size is not asked for: the optimiser says how far.
-    thresholds : (m,) upper limits of costs, lower limits of rewards; `update` takes others as `thresholds`.
+    thresholds : (m,) upper limits of costs, lower limits of rewards; or a dict by name, and then `constraint_values`,
+        `constraint_gradients` (a dict of trees) and `info` are by name too. `update` takes others as `thresholds`.
     kind : "cost", whose values should be ≤ thresholds, or "reward", ≥.
     metric : a function of the optimiser's state that returns H, a tree of positive arrays as the parameters are; by
-        default the optimiser's own, √v̂ + eps where it is Adam or its like, else the identity. optax's state keeps
-        neither β₂ nor eps, so its defaults are taken: give a metric where yours are others, or with several optimisers.
+        default the optimiser's own, √v̂ + eps where it is Adam or its like, else the identity.
+    b2, eps : of that metric, which optax's state does not keep: give your optimiser's where they are no defaults.
     path : as of `constrained_direction`.
 
     Returns
@@ -66,61 +68,67 @@ def constrain(
     Raises
     ------
     ValueError
-        For what does not fit, while it is traced.
+        For what does not fit, while it is traced; where the state has several second moments and no metric is given.
     """
     if not (hasattr(optimizer, "init") and hasattr(optimizer, "update")):
         raise ValueError(f"optimizer should be one of optax; found {optimizer!r}")
     if metric is not None and not callable(metric):
         raise ValueError(f"metric should be a function of the optimiser's state; found {metric!r}")
-    require_member("kind", kind, KINDS)
     if not isinstance(step, ConstrainedStep):
         raise ValueError(f"step should be a ConstrainedStep; found {step!r}")
     if step.radius is not None:
         raise ValueError(f"step should have no radius, since the optimiser says how far; found {step.radius!r}")
-    settings = read_step(replace(step, step_size=1.0), path)
+    settings = read_step(replace(step, step_size=1.0), path, kind, 1.0)
     if not settings.is_one_problem:
         raise ValueError(f"formulation of step should be restoring or linearized; found {step.formulation!r}")
-    limits = real_vector("thresholds", thresholds)
+    names = names_of(thresholds)
+
+    def read(name: str, given: Any, count: int | None = None) -> Any:
+        return real_vector(name, given if names is None else list_by_name(name, given, names), count)
+
+    limits = read("thresholds", thresholds)
     if not isinstance(limits, jax.core.Tracer) and not jnp.isfinite(limits).all():
         raise ValueError(f"thresholds should be finite; found {limits}")
     m, inner = len(limits), optax.with_extra_args_support(optimizer)
 
     def init(params: Any) -> ConstrainState:
-        return ConstrainState(inner.init(params), no_info(m))
+        return ConstrainState(inner.init(params), no_info(settings, m, names))
 
     def update(
         updates: Any,
         state: ConstrainState,
         params: Any = None,
         *,
-        constraint_values: Any,
-        constraint_gradients: Any,
-        thresholds: Any = limits,
+        constraint_values: Any = None,
+        constraint_gradients: Any = None,
+        thresholds: Any = None,
         **extra: Any,
     ) -> tuple[Any, ConstrainState]:
-        values = real_vector("constraint_values", constraint_values, m)
-        sign = -1 if kind == "cost" else 1
-        slack = sign * (values - real_vector("thresholds", thresholds, m))
-        rows, _ = read_gradients(constraint_gradients, m, "constraint_gradients", like=updates)
+        for what, given in {"values": constraint_values, "gradients": constraint_gradients}.items():
+            if given is None:
+                raise ValueError(f"constraint_{what}= should be given to update; found None")
+        values = read("constraint_values", constraint_values, m)
+        slack = settings.signs[1] * (values - (limits if thresholds is None else read("thresholds", thresholds, m)))
+        if names is not None:
+            constraint_gradients = list_by_name("constraint_gradients", constraint_gradients, names)
+        rows, _ = read_gradients(
+            constraint_gradients, m, "constraint_gradients", like=updates, is_listed=names is not None
+        )
         proposed, moved = inner.update(updates, state.inner, params, **extra)
         own, form = jax.tree.flatten(proposed)
-        weights = metric_of(moved, proposed) if metric is None else _leaves_of(metric(moved), proposed)
-        roots = [jnp.sqrt(jnp.ravel(part).astype(values.dtype)) for part in weights]
+        weights = metric_of(moved, proposed, b2, eps) if metric is None else _leaves_of(metric(moved), proposed)
+        roots = [jnp.sqrt(part.astype(values.dtype)) for part in weights]
 
-        rows = [sign * row for row in rows]
         white = [
-            jnp.concatenate([(jnp.ravel(part) * root)[None], row / root])
-            for part, row, root in zip(own, rows, roots, strict=True)
+            jnp.concatenate([(part * root)[None], row / root]) for part, row, root in zip(own, rows, roots, strict=True)
         ]
         found = answer(settings, white, slack)
         found = stop(found, jnp.stack([jnp.isfinite(part).all() for part in [slack, *own]]).all())
         is_finite = found.status != Status.NUMERICAL_ERROR  # else H may be none either
         moves = [jnp.where(is_finite, part / root, 0.0) for part, root in zip(found.d, roots, strict=True)]
         change = [part.astype(like.dtype) for part, like in zip(moves, own, strict=True)]
-        info = describe(settings, found, slack, gain_of(rows, change))
         kept = jax.tree.map(lambda new, old: jnp.where(is_finite, new, old), moved, state.inner)
-        shaped = [part.reshape(jnp.shape(like)) for part, like in zip(change, own, strict=True)]
-        return jax.tree.unflatten(form, shaped), ConstrainState(kept, info)
+        return jax.tree.unflatten(form, change), ConstrainState(kept, describe(settings, found, slack, names))
 
     return optax.GradientTransformationExtraArgs(init, update)
 

@@ -47,36 +47,39 @@ def find_active_set(gramian: Any, slack: Any, takes_part: Any, start: Pivots) ->
     slack: w at the start's μ. takes_part: the rows that may come on.
     """
     m, eps = len(slack), jnp.finfo(slack.dtype).eps
+    at = jnp.arange(m)
 
     def choose(search: _Search) -> _Search:
         mu, active, table, proof = search.at
-        w = slack + gramian @ (mu - start.multipliers)
-        move = jnp.where(active, -(table @ jnp.where(active, w, 0.0)), 0.0)
+        w = slack + _multiply(gramian, mu - start.multipliers)
+        move = jnp.where(active, -_multiply(table, jnp.where(active, w, 0.0)), 0.0)
         is_blocking = active & (mu + move < 0.0)
         part, first = _least(jnp.where(is_blocking, mu / jnp.where(is_blocking, -move, 1.0), jnp.inf))
         is_blocked = jnp.isfinite(part)
         mu = mu + jnp.where(is_blocked, part, 1.0) * move
-        w = slack + gramian @ (mu - start.multipliers)
+        w = slack + _multiply(gramian, mu - start.multipliers)
 
         rounding = _ROUNDING * eps * (1.0 + jnp.abs(mu - start.multipliers).sum())
         worst, enters = _least(jnp.where(takes_part & ~active, w, jnp.inf))
         is_met = ~(worst < -rounding)
-        along = jnp.where(active, -table[:, enters], 0.0)
-        depends = table[enters, enters] <= _DEPENDS * eps * (1.0 + jnp.abs(along).sum()) ** 2
+        is_new = at == enters
+        column = jnp.where(is_new, table, 0.0).sum(axis=1)
+        along = jnp.where(active, -column, 0.0)
+        own = jnp.where(is_new, column, 0.0).sum()
+        depends = own <= _DEPENDS * eps * (1.0 + jnp.abs(along).sum()) ** 2
         room, second = _least(jnp.where(along > _ROUNDING * eps, mu / jnp.where(along > 0.0, along, 1.0), jnp.inf))
         is_proven = ~is_blocked & ~is_met & depends & ~jnp.isfinite(room)
 
-        at = jnp.arange(m)
         goes_on = ~is_blocked & ~is_met & ~is_proven
         trades = goes_on & depends
         step = jnp.where(trades, room, 0.0)
-        mu = mu - step * along + jnp.where(at == enters, step, 0.0)
+        mu = mu - step * along + jnp.where(is_new, step, 0.0)
         leaves = jnp.where(is_blocked, first, second)
         goes = (at == leaves) & (is_blocked | trades)
-        comes = (at == enters) & goes_on
-        table = _exchange(_exchange(table, leaves, is_blocked | trades), enters, goes_on)
+        comes = is_new & goes_on
+        table = _exchange(_exchange(table, goes), comes)
         found = Pivots(jnp.where(goes, 0.0, mu), (active & ~goes) | comes, table, proof)
-        y = jnp.maximum(jnp.where(at == enters, 1.0, -along), 0.0)
+        y = jnp.maximum(jnp.where(is_new, 1.0, -along), 0.0)
         found = found._replace(proof=jnp.where(is_proven, y, proof))
         return _Search(found, ~is_blocked & (is_met | is_proven), search.count + 1)
 
@@ -87,17 +90,27 @@ def find_active_set(gramian: Any, slack: Any, takes_part: Any, start: Pivots) ->
     return lax.while_loop(lambda s: ~s.is_done & (s.count < limit), choose, begin).at
 
 
+def _multiply(matrix: Any, x: Any) -> Any:
+    """As sums, which are compiled into the kernels around them; a product of its own takes longer than all of these."""
+    return (matrix * x).sum(axis=1)
+
+
 def _least(values: Any) -> tuple[Any, Any]:
-    k = jnp.argmin(values)
-    return values[k], k
+    """The least and where it is first, in one pass."""
+
+    def choose(a: Any, b: Any) -> tuple[Any, Any]:
+        is_first = (a[0] < b[0]) | ((a[0] == b[0]) & (a[1] < b[1]))
+        return jnp.where(is_first, a[0], b[0]), jnp.where(is_first, a[1], b[1])
+
+    end = jnp.asarray(jnp.inf, values.dtype), jnp.asarray(len(values), jnp.int32)
+    return lax.reduce((values, jnp.arange(len(values), dtype=jnp.int32)), end, choose, (0,))
 
 
-def _exchange(table: Any, k: Any, is_wanted: Any) -> Any:
-    """w_k for μ_k and the other way round; the same again undoes it."""
-    pivot = jnp.where(is_wanted, table[k, k], 1.0)
-    column, row = table[:, k], table[k]
-    is_k = jnp.arange(len(table)) == k
-    new = table - jnp.outer(column, row) / pivot
+def _exchange(table: Any, is_k: Any) -> Any:
+    """w_k for μ_k and the other way round, where `is_k` names a row k; the same again undoes it."""
+    here = is_k[:, None] & is_k
+    pivot = jnp.where(is_k.any(), jnp.where(here, table, 0.0).sum(), 1.0)
+    column, row = (jnp.where(mask, table, 0.0).sum(axis=axis) for mask, axis in ((is_k, 1), (is_k[:, None], 0)))
+    new = table - column[:, None] * row / pivot
     new = jnp.where(is_k[:, None], -row / pivot, jnp.where(is_k, (column / pivot)[:, None], new))
-    new = jnp.where(is_k[:, None] & is_k, 1.0 / pivot, new)
-    return jnp.where(is_wanted, new, table)
+    return jnp.where(is_k.any(), jnp.where(here, 1.0 / pivot, new), table)

@@ -1,7 +1,7 @@
-"""Rows on the device, as leaves (m, k) of the parameters' tree: products and combinations, and the unit of each row.
+"""Rows on the device, as they came: products and combinations with the leaves of the parameters' tree, in unit rows.
 
-Rows are scaled by powers of two, so that lengths of 1e±100 neither over- nor underflow inside; their lengths are kept.
-Products are of the widest float that there is: float64 where JAX has it enabled, else float32.
+Each number is scaled by a power of two as it is read, so that lengths of 1e±100 neither over- nor underflow inside, and
+no copy is made. Products are of the widest float that there is: float64 where JAX has it enabled, else float32.
 """
 
 from collections.abc import Sequence
@@ -10,29 +10,58 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
-Leaves = list[Any]  # a vector, (k,) each
+from . import _sums
+
+Leaves = list[Any]  # a vector, as the parameters' leaves are
+
+
+class Vector(NamedTuple):
+    """d, Ĵd and ‖d‖."""
+
+    leaves: Leaves
+    along: Any
+    length: Any
 
 
 class Rows(NamedTuple):
-    """Ĵᵢ = rowᵢ of the leaves / normsᵢ, of length 1, and K̂ = ĴĴᵀ; the lengths are norms · 2^exponents.
+    """ĝ = g/2^exponent, Ĵᵢ = rowᵢ/‖rowᵢ‖, ‖rowᵢ‖ = normsᵢ · 2^exponentsᵢ, and K̂ = ĴĴᵀ, of leaves (1 + m, …), g first.
 
-    A row that is 0 is not `moves`, has norm 1, and 1 on the diagonal of K̂.
+    scales: ±2^−exponents, of all 1 + m; the sign is that in which a channel counts. A row that is 0 is not `moves`, has
+    norm 1, and 1 on the diagonal of K̂. along: Ĵĝ; length: ‖ĝ‖.
     """
 
     leaves: Leaves
+    scales: Any
+    exponent: Any
     norms: Any
     exponents: Any
     moves: Any
     gramian: Any
+    along: Any
+    length: Any
+
+    def combine(self, part: Any, weights: Any, start: Leaves | None = None) -> Leaves:
+        """start + part · ĝ + Ĵᵀweights."""
+        weights = jnp.concatenate([jnp.asarray(part, self.norms.dtype)[None], weights / self.norms])
+        starts = self.zero() if start is None else start
+        return [_sums.combine(leaf, self.scales, weights, each) for leaf, each in zip(self.leaves, starts, strict=True)]
+
+    def look(self, d: Leaves) -> Vector:
+        """d with its products."""
+        sums = sum(_sums.products(leaf, self.scales, each) for leaf, each in zip(self.leaves, d, strict=True))
+        return Vector(d, sums[1:-1] / self.norms, jnp.sqrt(sums[-1]))
 
     def products(self, d: Leaves) -> Any:
-        """Ĵd, (m,)."""
-        return sum(map(_multiply, self.leaves, d)) / self.norms
+        """Ĵd, by what JAX can transpose."""
+        sums = sum(
+            jnp.tensordot(leaf[1:].astype(part.dtype), part, part.ndim, precision=lax.Precision.HIGHEST)
+            for leaf, part in zip(self.leaves, d, strict=True)
+        )
+        return sums * self.scales[1:] / self.norms
 
-    def combine(self, weights: Any) -> Leaves:
-        """Ĵᵀweights."""
-        scaled = weights / self.norms
-        return [_multiply(scaled, leaf) for leaf in self.leaves]
+    def zero(self) -> Leaves:
+        """0, a vector."""
+        return [jnp.zeros(leaf.shape[1:], self.norms.dtype) for leaf in self.leaves]
 
     def per_length(self, values: Any, exponent: Any) -> Any:
         """Bounds bᵢ/‖Jᵢ‖ in units of 2^exponent."""
@@ -42,28 +71,47 @@ class Rows(NamedTuple):
         """Multipliers of the rows as they came, of those of unit rows in units of 2^exponent."""
         return jnp.ldexp(multipliers / self.norms, exponent - self.exponents)
 
+    def lengthen(self, along: Any, exponent: Any) -> Any:
+        """J d, of Ĵd in units of 2^exponent."""
+        return jnp.ldexp(along * self.norms, exponent + self.exponents)
 
-def read_channels(leaves: Sequence[Any]) -> tuple[Leaves, Any, Rows, Any]:
-    """g scaled to a length of about 1, the exponent of its unit, the rows below it, and whether all are finite.
 
-    Zeros stand for all of it where a number is not finite.
+def read_channels(leaves: Sequence[Any], signs: tuple[float, float]) -> tuple[Rows, Any]:
+    """The rows, and whether all numbers are finite. signs: of g and of the rows.
+
+    One reading of long leaves tells all where lengths are ordinary; else another looks for the largest numbers first.
     """
     wide = jnp.promote_types(jnp.result_type(float), jnp.result_type(*leaves))
-    largest = jnp.stack([jnp.abs(leaf.astype(wide)).max(axis=1, initial=0.0) for leaf in leaves]).max(axis=0)
-    is_finite = jnp.isfinite(largest).all()
-    exponents = jnp.where(is_finite, jnp.frexp(jnp.where(is_finite, largest, 0.0))[1], 0)
-    scaled = [_scale(jnp.where(is_finite, leaf, 0).astype(wide), -exponents[:, None]) for leaf in leaves]
-    K = sum(_multiply(leaf, leaf.T) for leaf in scaled)
+    one = jnp.ones(leaves[0].shape[0], wide)
+
+    def scale() -> tuple[Any, Any, Any]:
+        largest = jnp.stack([_sums.largest(leaf, wide) for leaf in leaves]).max(axis=0)
+        is_finite = jnp.isfinite(largest).all()
+        exponents = jnp.where(is_finite, jnp.frexp(jnp.where(is_finite, largest, 0.0))[1], 0)
+        limit = jnp.finfo(wide).maxexp - 8  # the smallest float is 1 only with a scale that is none
+        exponents = jnp.clip(exponents, -limit, limit)
+        return sum(_sums.gramian(leaf, jnp.ldexp(one, -exponents), wide) for leaf in leaves), exponents, is_finite
+
+    if max(leaf.size for leaf in leaves) < _sums.LONG:
+        K, exponents, is_finite = scale()
+    else:
+        K = sum(_sums.gramian(leaf, one, wide) for leaf in leaves)
+        least = float(jnp.finfo(wide).tiny) ** 0.75  # squares of float32 numbers in float64 are far from it
+        is_ordinary = ((jnp.diagonal(K) > least) & (jnp.diagonal(K) < 1.0 / least)).all()
+
+        def read() -> tuple[Any, Any, Any]:
+            halves = jnp.frexp(jnp.diagonal(K))[1] // 2
+            return jnp.ldexp(jnp.ldexp(K, -halves), -halves[:, None]), halves, jnp.asarray(True)
+
+        K, exponents, is_finite = lax.cond(is_ordinary, read, scale)
+    K = jnp.where(is_finite, K, 0.0)
     moves = jnp.diagonal(K) > 0.0
     norms = jnp.sqrt(jnp.where(moves, jnp.diagonal(K), 1.0))
     unit = jnp.where(moves & moves[:, None], K / norms / norms[:, None], 0.0) + jnp.diag(jnp.where(moves, 0.0, 1.0))
-    rows = Rows([leaf[1:] for leaf in scaled], norms[1:], exponents[1:], moves[1:], unit[1:, 1:])
-    return [leaf[0] for leaf in scaled], exponents[0], rows, is_finite
-
-
-def add(x: Leaves, y: Leaves) -> Leaves:
-    """x + y."""
-    return [a + b for a, b in zip(x, y, strict=True)]
+    turn = jnp.where(jnp.arange(len(one)) == 0, signs[0], signs[1]).astype(wide)
+    along, length = jnp.where(moves[0], norms[0] * unit[0, 1:], 0.0), jnp.where(moves[0], norms[0], 0.0)
+    rest = norms[1:], exponents[1:], moves[1:], unit[1:, 1:], signs[0] * signs[1] * along, length
+    return Rows(list(leaves), turn * jnp.ldexp(one, -exponents), exponents[0], *rest), is_finite
 
 
 def rescale(x: Leaves, exponent: Any) -> Leaves:
@@ -71,22 +119,7 @@ def rescale(x: Leaves, exponent: Any) -> Leaves:
     return [_scale(leaf, exponent) for leaf in x]
 
 
-def choose(condition: Any, x: Leaves, y: Leaves) -> Leaves:
-    """x or y."""
-    return [jnp.where(condition, a, b) for a, b in zip(x, y, strict=True)]
-
-
-def length(d: Leaves) -> Any:
-    """‖d‖."""
-    return jnp.sqrt(sum(jnp.vdot(leaf, leaf, precision=lax.Precision.HIGHEST) for leaf in d))
-
-
 def _scale(vector: Any, exponent: Any) -> Any:
     """2^exponent times it, in two products, since 2^exponent may be no number; `ldexp` of all entries takes longer."""
     half, one = exponent // 2, jnp.ones((), vector.dtype)
     return vector * jnp.ldexp(one, half) * jnp.ldexp(one, exponent - half)
-
-
-def _multiply(a: Any, b: Any) -> Any:
-    """Never in the shorter floats that a device may take for products."""
-    return jnp.matmul(a, b, precision=lax.Precision.HIGHEST)

@@ -16,10 +16,14 @@ DEVICE_FORMULATIONS = ("restoring", "linearized")
 
 
 class Settings(NamedTuple):
-    """A step's, hashable. restored αₑ/α₁, kept κ/α₁ (None where constraints with slack are left out)."""
+    """A step's, hashable. restored αₑ/α₁, kept κ/α₁ (None where constraints with slack are left out).
+
+    signs: of channel 0 and of the constraints, as they are given: −1 of what is to fall.
+    """
 
     step: ConstrainedStep
     path: str
+    signs: tuple[float, float]
     restored: float
     kept: float | None
     tolerance: float
@@ -39,8 +43,9 @@ class Settings(NamedTuple):
         return jnp.where(slack > 0.0, -(self.kept or 0.0), -self.restored)
 
 
-def read_step(step: Any, path: str) -> Settings:
-    """ValueError for a step that this path cannot take."""
+def read_step(step: Any, path: str, kind: str, objective: float) -> Settings:
+    """ValueError for a step that this path cannot take. objective: the sign of channel 0."""
+    require_member("kind", kind, KINDS)
     if not isinstance(step, ConstrainedStep):
         raise ValueError(f"step should be a ConstrainedStep; found {step!r}")
     require_member("path", path, PATHS)
@@ -56,7 +61,8 @@ def read_step(step: Any, path: str) -> Settings:
     if path == "device":
         _require_device(step)
     kept = float(step.slack_fraction) / rate if of.takes_all else None
-    return Settings(step, path, float(step.restoration_rate) / rate, kept, tolerance_of(step.solver))
+    signs = objective, -1.0 if kind == "cost" else 1.0
+    return Settings(step, path, signs, float(step.restoration_rate) / rate, kept, tolerance_of(step.solver))
 
 
 def _require_device(step: ConstrainedStep) -> None:

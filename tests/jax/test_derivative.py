@@ -11,7 +11,9 @@ jax = pytest.importorskip("jax")
 
 import jax.numpy as jnp  # noqa: E402
 
-from cpgrl_opt import ConstrainedStep  # noqa: E402
+from cpgrl_opt import ConstrainedStep, DirectionProblem  # noqa: E402
+from cpgrl_opt.exact import exact_answer  # noqa: E402
+from cpgrl_opt.exact.rational import dot, fractions_of, solve  # noqa: E402
 from cpgrl_opt.jax import constrained_direction  # noqa: E402
 
 M, N = 3, 5
@@ -77,6 +79,54 @@ def test_it_is_exact_where_all_numbers_are_small() -> None:
     np.testing.assert_allclose(-by_V[:2, 1, :2], np.array(by_row, float), atol=1e-15)
     by_bound = [float(x / square) for x in row]
     np.testing.assert_allclose(-by_values[:2, 1], np.multiply(-0.5, by_bound), atol=1e-15)  # b = −½ slack
+
+
+def exact_move(V: np.ndarray, b: np.ndarray, W: np.ndarray, c: np.ndarray) -> tuple[int, list[Fraction]]:
+    """How many rows are on, and ḋ where [g; J] and b move by W and c, by the KKT conditions in rationals."""
+    found = exact_answer(DirectionProblem(V[0], V[1:], b))
+    (g, *J), (moved_g, *moved_J), (bound, moved) = (
+        *([fractions_of(row) for row in A] for A in (V, W)),
+        map(fractions_of, (b, c)),
+    )
+    on = [i for i in range(len(J)) if found.multipliers[i] > 0.0]
+    K = [[dot(J[i], J[j]) for j in on] for i in on]
+    mu = solve(K, [bound[i] - dot(J[i], g) for i in on]) or []
+    d = [x + sum(y * J[i][k] for y, i in zip(mu, on, strict=True)) for k, x in enumerate(g)]
+    u = [x + sum(y * moved_J[i][k] for y, i in zip(mu, on, strict=True)) for k, x in enumerate(moved_g)]
+    force = solve(K, [moved[i] - dot(moved_J[i], d) - dot(J[i], u) for i in on]) or []
+    return len(on), [x + sum(y * J[i][k] for y, i in zip(force, on, strict=True)) for k, x in enumerate(u)]
+
+
+def test_it_is_what_rational_arithmetic_says() -> None:
+    """Integers of one digit, of which rows nearly depend now and then."""
+    move = jax.jit(lambda v, V, w, W: jax.jvp(partial(direction, "restoring"), (v, V), (w, W))[1])
+    counts = set()
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        V, W = rng.integers(-5, 6, (2, 1 + M, N)).astype(float)
+        slack, w = -rng.integers(1, 5, M).astype(float), rng.integers(-4, 5, M).astype(float)
+        count, expected = exact_move(V, -0.5 * slack, W, -0.5 * w)
+        counts.add(count)
+        turn = np.array([-1.0, 1.0, 1.0, 1.0])[:, None]  # channel 0 is a loss
+        found = -move(np.insert(slack, 0, 0.0), turn * V, np.insert(w, 0, 0.0), turn * W)[:N]
+        scale = max(1.0, *(abs(float(x)) for x in expected))
+        np.testing.assert_allclose(found, [float(x) for x in expected], atol=1e-12 * scale)
+    assert counts == {0, 1, 2}
+
+
+@pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-3])
+def test_in_float32_it_is_right_or_0(angle: float) -> None:
+    """Two rows an angle apart, both on: ḋ is 0 in their plane; rounding of the Gramian never shows as a derivative."""
+    jax.config.update("jax_enable_x64", False)
+    V = np.zeros((1 + M, N), "float32")
+    V[0, :3] = [1.0, 0.0, 1.0]  # a loss: g = −V[0]
+    V[1, :2], V[2, :2], V[3, 3] = [1.0, 0.0], [np.cos(angle), np.sin(angle)], 1.0
+    values = np.array([0.0, -0.1, -0.1 * np.cos(angle) - 0.2 * np.sin(angle), 1.0], "float32")
+    by_g = jax.jit(jax.jacfwd(lambda g: direction("restoring", values, jnp.asarray(V).at[0].set(g))))(V[0])[:N]
+    expected = np.diag([0.0, 0.0, 1.0, 1.0, 1.0])
+    assert np.abs(by_g - expected).max() <= 1e-3 or not np.asarray(by_g).any()
+    if angle >= 1e-1:
+        assert np.asarray(by_g).any()
 
 
 def test_where_there_is_none_it_is_the_documented_choice_and_never_nan() -> None:

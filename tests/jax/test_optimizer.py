@@ -29,6 +29,7 @@ STEPS = {
     "linearized": ConstrainedStep(formulation="linearized", restoration_rate=0.25, slack_fraction=0.5),
 }
 
+TWO = optax.chain(optax.scale_by_adam(), optax.scale_by_rms())
 CONE = ConstrainedStep(formulation="cone")
 
 
@@ -83,6 +84,32 @@ def test_the_metric_is_what_adam_divides_by() -> None:
         np.testing.assert_allclose(state.info.multipliers, expected.multipliers, rtol=1e-5, atol=1e-9)
 
 
+def test_constraints_are_named_and_eps_is_told() -> None:
+    """By name in whatever order: the same update, and what happened by name."""
+    rng, step, names = np.random.default_rng(1), STEPS["linearized"], ["heat", "wear", "noise", "cost"]
+    params, g, J, costs = tree(np.zeros(N)), rng.normal(size=N), rng.normal(size=(M, N)), rng.normal(size=M) * 0.1
+    inner = optax.adam(0.1, b2=0.9, eps=0.1)
+    given = {"constraint_values": costs, "constraint_gradients": tree(J)}
+    plain = constrain(inner, step, np.zeros(M), b2=0.9, eps=0.1)
+    change, state = plain.update(tree(g), plain.init(params), params, **given)
+    weights = lambda _: tree(np.abs(g) + 0.1)  # noqa: E731
+    told = constrain(inner, step, np.zeros(M), metric=weights)
+    np.testing.assert_allclose(
+        flat(change), flat(told.update(tree(g), told.init(params), params, **given)[0]), atol=1e-12
+    )
+    named = constrain(inner, step, dict.fromkeys(names, 0.0), b2=0.9, eps=0.1)
+    before = named.init(params)
+    given = {
+        "constraint_values": dict(zip(names[::-1], costs[::-1], strict=True)),
+        "constraint_gradients": {name: tree(row) for name, row in zip(names[::-1], J[::-1], strict=True)},
+    }
+    same, after = named.update(tree(g), before, params, **given)
+    np.testing.assert_array_equal(flat(same), flat(change))
+    for field in ("multipliers", "active", "slack", "predicted_slack"):
+        assert [getattr(after.info, field)[name] for name in names] == [*getattr(state.info, field)]
+    assert jax.tree.structure(before) == jax.tree.structure(after)
+
+
 def test_it_goes_through_scan_and_ends_feasible() -> None:
     """min ‖θ − 2‖² s.t. θ₀ ≤ 1, from outside, by Adam in float32."""
     step = STEPS["linearized"]
@@ -135,6 +162,10 @@ def test_what_is_not_finite_moves_nothing_and_the_optimiser_forgets_it() -> None
         ("metric should return a tree as the parameters are", {"metric": lambda _: [1.0]}),
         ("constraint_values should have shape", {"constraint_values": np.zeros(2)}),
         ("constraint_gradients should have the structure and shapes", {"constraint_gradients": np.zeros((1, N))}),
+        ("constraint_values= should be given to update", {"constraint_values": None}),
+        ("constraint_gradients= should be given to update", {"constraint_gradients": None}),
+        ("constraint_values should be a dict with the names a; found", {"thresholds": {"a": 0.0}}),
+        ("second moments, of all parameters, or metric should be given; found 2", {"optimizer": TWO}),
     ],
 )
 def test_what_does_not_fit_is_refused_while_it_is_traced(said: str, change: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """jit, scan, lists of trees, float32, the host path, costs: the same answers; bad input: an error, or a status."""
 
+import warnings
 from functools import partial
 from typing import Any
 
@@ -109,8 +110,47 @@ def test_short_floats_are_certified_in_the_widest_one(dtype: str, has_float64: b
     assert info.residuals.dtype == ("float64" if has_float64 else "float32")
     assert (info.status == Status.OPTIMAL).all()
     assert info.residuals.max() <= (1e-12 if has_float64 else 1e-5)
+    np.testing.assert_allclose(info.tolerance, 1e-9 if has_float64 else 64 * 2.0**-23)
     close = 1e-6 if dtype == "float32" else 2.0**-6
     np.testing.assert_allclose(-0.5 * np.asarray(gradient, np.float64), expected.change, atol=close)
+
+
+@pytest.mark.parametrize("path", ["device", "host"])
+@pytest.mark.parametrize("size", [1e-42, 1e-30, 1e-20, 1.0, 1e20, 1e30])
+def test_float32_of_any_size_is_no_error(size: float, path: str) -> None:
+    """μ of 4e59 is infinite, J d of 1e40 too, d is right; where d = 0 none of it is −0."""
+    jax.config.update("jax_enable_x64", False)
+    V = np.array([[1.0, 2.0, 0.0], [1.0, -0.5, 0.0], [0.0, 1.5, 0.0]]) * size
+    step = ConstrainedStep(formulation="linearized", step_size=0.1, restoration_rate=0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gradient, info = constrained_direction(
+            [0.0, 0.1, -0.2], jnp.asarray(V, "float32"), np.zeros(2), step, path=path
+        )
+    assert info.status == Status.OPTIMAL
+    assert not np.signbit(gradient[2])
+    assert not np.isnan(np.concatenate([info.multipliers, info.predicted_slack])).any()
+    if size > 1e-37:  # smaller ones are 0 to XLA, which flushes them
+        expected = expect(step, np.array([[0.0, 0.1, -0.2]]), np.asarray(np.float32(V), float)[None])
+        np.testing.assert_allclose(gradient, -10.0 * expected.change[0], rtol=1e-5)
+        np.testing.assert_allclose(info.multipliers, expected.multipliers[0].astype("float32"), rtol=1e-5)
+        predicted = expected.predicted_slack[0]
+        assert np.isclose(info.predicted_slack, predicted.astype("float32"), rtol=1e-5, atol=1e-6).all()
+
+
+def test_constraints_are_named() -> None:
+    values, V = draw(7)
+    gradient, info = constrained_direction(values[0], V[0], np.array([0.1, -0.05]), STEP)
+    limits = {"wear": -0.05, "heat": 0.1}
+    given = [(each[0], {"heat": each[1], "wear": each[2]}) for each in (values[0], V[0])]
+    found, named = jax.jit(partial(constrained_direction, step=STEP))(given[0], given[1], limits)
+    np.testing.assert_allclose(found, gradient, atol=1e-14)
+    for field in ("multipliers", "active", "slack", "predicted_slack"):
+        ours = getattr(named, field)
+        np.testing.assert_allclose([ours["heat"], ours["wear"]], getattr(info, field), atol=1e-14)
+    for wrong in ((given[0][0], {"heat": 0.0}), values[0]):
+        with pytest.raises(ValueError, match=r"values (of constraints )?should be a"):
+            constrained_direction(wrong, given[1], limits, STEP)
 
 
 def test_nothing_is_nan_under_jit_and_outside_it_is_an_error(scan: Any) -> None:
