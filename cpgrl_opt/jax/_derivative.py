@@ -31,8 +31,8 @@ def _answer(settings: Settings, leaves: list[Any], slack: Any) -> Answer:
     """d of a step, in units of step_size, each leaf (1 + m, …) with g first; its status and residuals as floats."""
     if settings.path == "host":
         return solve_on_host(settings, leaves, slack)
-    given = {"signs": settings.signs, "tolerance": settings.tolerance, "gives_met": settings.kept is None}
-    return solve(leaves, settings.bound(slack), **given)
+    gives_met = settings.kept is None
+    return solve(leaves, settings.bound(slack), signs=settings.signs, tolerance=settings.tolerance, gives_met=gives_met)
 
 
 @_answer.defjvp

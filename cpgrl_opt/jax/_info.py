@@ -60,7 +60,8 @@ def name(info: StepInfo, names: tuple[Hashable, ...] | None) -> StepInfo:
     """The numbers of each constraint by its name."""
     if names is None:
         return info
-    return StepInfo(*({key: each[i] for i, key in enumerate(names)} for each in info[:4]), *info[4:])
+    fields = StepInfo._fields[:4]
+    return info._replace(**{own: {key: getattr(info, own)[i] for i, key in enumerate(names)} for own in fields})
 
 
 def stop(found: Answer, is_finite: Any) -> Answer:
