@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from .channels import event_key, layers
-from .digest import digest_of
 
 _LONG = 500  # letters of a setting that are told
 _TOLD = (bool, int, float, str, np.ndarray, np.generic)  # attributes that are settings, of what is no dataclass
@@ -39,6 +38,8 @@ def words_of(name: str, value: Any) -> dict[str, str]:
 
 def describe(name: str, value: Any) -> dict[str, str]:
     """`words_of` a value, and its digest where it has one: what cannot be pickled is known by the words alone."""
+    from .digest import digest_of  # joblib loads with it
+
     try:
         return {**words_of(name, value), f"digest of {name}": digest_of(value, name, with_sources=False)}
     except RecursionError:  # an object that holds itself
