@@ -10,7 +10,6 @@ import numpy as np
 from cpgrl_opt.comparison.machine import versions
 from cpgrl_opt.solvers import SOLVERS
 
-from ..digest import digest_of, digest_of_text, sources_digest
 from ..endings import TERMINATED
 from ..training import TrainingRecord
 
@@ -137,6 +136,8 @@ def keys_of(settings: Mapping[str, Any], seeds: Iterable[int], context: str) -> 
     ValueError
         For settings that cannot be pickled.
     """
+    from ..digest import digest_of, digest_of_text  # joblib loads with it
+
     made_of = [f"{name} {digest_of(value, f'settings[{name!r}]')}" for name, value in sorted(settings.items())]
     return [digest_of_text(*made_of, str(seed), context) for seed in seeds]
 
@@ -159,6 +160,8 @@ def context_of(training: TrainingFunction, measure: Measure, every: int) -> str:
     ValueError
         For functions that hold what cannot be pickled.
     """
+    from ..digest import digest_of, digest_of_text, sources_digest
+
     packages = dict.fromkeys([*_PACKAGES, *(str(getattr(solver, "package", "")) for solver in SOLVERS.values())])
     functions = digest_of(training, "training"), digest_of(measure, "measure")
     return digest_of_text(*functions, str(every), str(versions(packages)), sources_digest())
