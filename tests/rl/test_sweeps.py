@@ -158,7 +158,7 @@ def test_a_cell_is_known_by_all_that_its_numbers_depend_on(monkeypatch):
     found = {plain_key(), *(plain_key(**own) for own in changed)}
     assert plain_key() in found
     with monkeypatch.context() as ours:
-        ours.setattr("rl.sweeps.cell.sources_digest", lambda: "other sources of ours")
+        ours.setattr("rl.digest.sources_digest", lambda: "other sources of ours")
         found.add(plain_key())
     monkeypatch.setattr("rl.sweeps.cell.versions", lambda packages: {"osqp": "osqp" in packages})
     found.add(plain_key())
