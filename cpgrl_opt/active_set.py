@@ -32,13 +32,17 @@ def violated(
 
     Parameters
     ----------
-    slack : ρ − G, (…, m), in the unit of the constraints, as margin is
-    previous : not looked at; a rule without memory
-    margin : at least 0
+    slack
+        ρ − G, (…, m), in the unit of the constraints, as margin is
+    previous
+        not looked at; a rule without memory
+    margin
+        at least 0
 
     Returns
     -------
-    (…, m), True where the constraint is in 𝒜
+    array
+        (…, m), True where the constraint is in 𝒜
 
     Raises
     ------
@@ -56,13 +60,16 @@ def hysteresis(
 
     Parameters
     ----------
-    slack : ρ − G, (…, m), in the unit of the constraints, as enter and leave are
-    previous : (…, m), 𝒜_previous; None: empty
+    slack
+        ρ − G, (…, m), in the unit of the constraints, as enter and leave are
+    previous
+        (…, m), 𝒜_previous; None: empty
     enter, leave : numbers, enter ≤ leave
 
     Returns
     -------
-    (…, m), True where the constraint is in 𝒜
+    array
+        (…, m), True where the constraint is in 𝒜
 
     Raises
     ------

@@ -22,12 +22,15 @@ def project_onto_tangent(jacobian: ArrayLike, gradient: ArrayLike) -> Vector:
 
     Parameters
     ----------
-    jacobian : J, (m, n); rows may depend or be zero
-    gradient : Δ, (n,)
+    jacobian
+        J, (m, n); rows may depend or be zero
+    gradient
+        Δ, (n,)
 
     Returns
     -------
-    PΔ, (n,), in the unit of Δ
+    array
+        PΔ, (n,), in the unit of Δ
 
     Raises
     ------
@@ -45,12 +48,15 @@ def restoration_move(jacobian: ArrayLike, slack: ArrayLike) -> Vector:
 
     Parameters
     ----------
-    jacobian : J, (m, n); a zero row is left out
-    slack : (m,), in the unit of the constraints
+    jacobian
+        J, (m, n); a zero row is left out
+    slack
+        (m,), in the unit of the constraints
 
     Returns
     -------
-    d, (n,), in the unit of θ; the shortest one
+    array
+        d, (n,), in the unit of θ; the shortest one
 
     Raises
     ------
@@ -69,12 +75,15 @@ def tangent_multipliers(jacobian: ArrayLike, gradient: ArrayLike) -> Multipliers
 
     Parameters
     ----------
-    jacobian : J, (m, n); rows may depend or be zero
-    gradient : Δ, (n,)
+    jacobian
+        J, (m, n); rows may depend or be zero
+    gradient
+        Δ, (n,)
 
     Returns
     -------
-    λ, (m,), in the unit of Δ by that of J's rows; 0 for a zero row
+    array
+        λ, (m,), in the unit of Δ by that of J's rows; 0 for a zero row
 
     Raises
     ------
@@ -90,11 +99,13 @@ def projection_matrix(jacobian: ArrayLike) -> np.ndarray:
 
     Parameters
     ----------
-    jacobian : J, (m, n); rows may depend or be zero
+    jacobian
+        J, (m, n); rows may depend or be zero
 
     Returns
     -------
-    P, (n, n), without a unit
+    array
+        P, (n, n), without a unit
 
     Raises
     ------
