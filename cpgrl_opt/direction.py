@@ -121,9 +121,8 @@ class DirectionBatch(Sequence[Direction]):
     """B directions as stacked arrays; reads as a sequence of `Direction`.
 
     value: (B, n), of `cpgrl_opt.torch` a tensor; multipliers: (B, m); status, iterations: (B,), statuses as their
-    integers; radius_multiplier: (B,),
-    None where all are 0; residuals: (B, 4) in the order of `KKTResiduals`, NaN for a direction that has none, None
-    where none has any; rung: (B,) of str, None where no solver says.
+    integers; radius_multiplier: (B,), None where all are 0; residuals: (B, 4) in the order of `KKTResiduals`, NaN for a
+    direction that has none, None where none has any; rung: (B,) of str, None where no solver says.
     """
 
     value: Any  # Float[np.ndarray, "B n"], or a tensor

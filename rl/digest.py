@@ -141,7 +141,7 @@ class _Hasher(NumpyHasher):  # type: ignore[misc]
 
 
 def _made(*_: Any) -> None:
-    """What the digest is told that things are made by."""
+    """Stands for the maker of a value in what is hashed; never called."""
 
 
 def _without_remembered(value: Any) -> Any:

@@ -28,7 +28,7 @@ def average_over_ranks(tensors: list[Any], group: Any = None) -> list[Any]:
     if not distributed.is_available() or not distributed.is_initialized():
         raise ValueError("torch.distributed should be initialised, or `average` be given; found neither")
     found: dict[int, Any] = {}
-    for dtype in {each.dtype for each in tensors}:
+    for dtype in dict.fromkeys(each.dtype for each in tensors):  # in one order on all ranks, as a set has not
         places = [k for k, each in enumerate(tensors) if each.dtype == dtype]
         flat = torch.cat([tensors[k].detach().reshape(-1) for k in places])
         distributed.all_reduce(flat, group=group)

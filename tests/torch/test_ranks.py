@@ -24,7 +24,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
     folder = tmp_path_factory.mktemp("ranks")
     one_thread = {**os.environ, "OMP_NUM_THREADS": "1"}  # a fork has none of its parent's threads, and waits for them
     command = [sys.executable, Path(__file__).parent / "ranks.py", folder]
-    subprocess.run(command, check=True, timeout=200, env=one_thread)
+    subprocess.run(command, check=True, timeout=400, env=one_thread)
     return [pickle.loads((folder / f"{rank}.pickle").read_bytes()) for rank in range(COUNT)]
 
 
